@@ -22,6 +22,7 @@ from hypothesis import strategies as st
 from hypothesis.internal.conjecture import providers
 from platformdirs import user_cache_path
 
+from benchmarks.shared_data import DATA
 from processing.ground.threads import limit_libraries
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -109,9 +110,15 @@ def pytest_collection() -> None:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Leave to the long runs what is marked for them: a dearer test of what another one finds, too."""
+    """Leave to the long runs what is marked for them: a dearer test of what another one finds, too.
+
+    A test that is marked `shared`, with what it reads of the shared data, is left out where that is missing.
+    """
     if not LONG and item.get_closest_marker("long"):
         pytest.skip("dearer than what it adds: make torture")
+    needed = [path for mark in item.iter_markers("shared") for path in mark.args]
+    if missing := [path for path in needed if not (DATA / path).exists()]:
+        pytest.skip(f"no shared data {', '.join(missing)} beside the checkout, or where DAYLIT_SHARED says")
 
 
 @pytest.hookimpl(optionalhook=True)

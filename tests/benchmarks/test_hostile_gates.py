@@ -16,15 +16,12 @@ from benchmarks.hostile import dorf, film, hostile, odd_even
 from benchmarks.hostile.rigs import hostile_bodies, rig_errors
 from benchmarks.hostile.worlds import ENCODERS, HostileCamera, HostileWorld, hostile_bracket, hostile_worlds
 from benchmarks.seeds import seeds
-from benchmarks.shared_data import DATA
 from processing.calibration.response import response
 from processing.calibration.response.response import recover_response
 from processing.calibration.response.samples import Bracket8
 from tests.conftest import LONG
 
-needs_curves = pytest.mark.skipif(
-    not all((DATA / part).exists() for part in ("curves", *hostile.SCENES)), reason="shared data are not here"
-)
+needs_curves = pytest.mark.shared("curves", *hostile.SCENES)
 SIZE = (256, 128)
 SEED = 800_001
 MAKERS_WORN, MAKERS_JITTER, HALO = 7, 10, 15
@@ -32,14 +29,12 @@ MAKERS_WORN, MAKERS_JITTER, HALO = 7, 10, 15
 
 @pytest.fixture(scope="module")
 def halves() -> dict[str, float]:
-    folders = [folder for folder, _ in odd_even.BRACKETS.values()]
-    if not all((DATA / "brackets" / folder).is_dir() for folder in folders):
-        pytest.skip("the shared real brackets are not here")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(odd_even, "LEAST_PX", 400)
         return odd_even.odd_even_figures(hostile.SMOOTH, hostile.TEXTURED)
 
 
+@pytest.mark.shared(*(f"brackets/{folder}" for folder, _ in odd_even.BRACKETS.values()))
 @pytest.mark.parametrize(
     ("key", "least_pct"),
     [("canon", 98.5), ("canon_textured", 98), ("room", 98.5), ("room_smooth", 99), ("room_textured", 94)],

@@ -96,7 +96,7 @@ def test_the_script_runs_without_blender_as_far_as_its_help() -> None:
     assert "bpy==4.2.0" in said.stdout
 
 
-@pytest.mark.skipif(not (DATA / "infinigen").is_dir(), reason="no rooms beside the checkout")
+@pytest.mark.shared("infinigen")
 def test_emptying_takes_the_rooms_beside_the_checkout() -> None:
     assert emptying.independent is independent.independent
     assert [pair.name for pair in independent.pairs_of(DATA / "infinigen")]

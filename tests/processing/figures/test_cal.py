@@ -19,7 +19,7 @@ from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
 
 BY_SF = "ro=sf*ri(1);go=sf*gi(1);bo=sf*bi(1);\n"
 LENS = Fisheye(401, 401, LensMapping.EQUISOLID, 200)
-SHARED = DATA / "brackets/canon5d2_8mm_bracket/calibration_files"
+PUBLISHED = "brackets/canon5d2_8mm_bracket/calibration_files"
 
 
 def radius(n: float, edge: float | None = None) -> str:
@@ -149,15 +149,15 @@ def test_a_lens_file_needs_a_fisheye_and_has_its_doubt(tmp_path: Path) -> None:
     assert len(modes_of(lit)) == 1
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the published calibration files are not here")
+@pytest.mark.shared(PUBLISHED)
 def test_published_files_say_what_is_built_in() -> None:
     for name, built_in in (("f5d6", "canon_8mm_f5_6"), ("f8", "canon_8mm_f8"), ("f11", "canon_8mm_f11")):
-        found = read_cal(SHARED / f"vignetting_{name}.cal").factors(LENS)
+        found = read_cal(DATA / PUBLISHED / f"vignetting_{name}.cal").factors(LENS)
         np.testing.assert_allclose(found[..., 1], 1 / published_vignetting(built_in).map(LENS), rtol=1e-5)
-    assert read_cal(SHARED / "CF_f5d6.cal").gains == (1.18, 1.18, 1.18)
-    assert read_cal(SHARED / "NDfilter_transform.cal").gains == (793.2549, 811.7736, 1196.992)
+    assert read_cal(DATA / PUBLISHED / "CF_f5d6.cal").gains == (1.18, 1.18, 1.18)
+    assert read_cal(DATA / PUBLISHED / "NDfilter_transform.cal").gains == (793.2549, 811.7736, 1196.992)
     with pytest.raises(PictureFileError, match="view"):
-        read_cal(SHARED / "fisheye_corr.cal")
+        read_cal(DATA / PUBLISHED / "fisheye_corr.cal")
 
 
 def panorama() -> LuminanceImage:

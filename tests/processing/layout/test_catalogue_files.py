@@ -11,12 +11,11 @@ import pytest
 import trimesh
 from PIL import Image
 
+from benchmarks.shared_data import DATA
 from processing.errors import CatalogueError, ModelFileError
 from processing.layout.arrangement import Arrangement, PlacedItem
 from processing.layout.furniture.solids import signed_volume_m3
 from processing.layout.models.catalogue import Catalogue, category_of, in_place, write_arrangement, write_model
-
-SHARED = Path(__file__).resolve().parents[4] / "shared" / "data" / "furniture"
 
 
 def chair(size: tuple[float, float, float] = (0.45, 0.5, 0.9)) -> tuple[np.ndarray, np.ndarray]:
@@ -314,14 +313,13 @@ def test_arrangement_stands_in_the_rooms_axes(tmp_path: Path) -> None:
     assert front[:, 0].min() == pytest.approx(0.775, abs=1e-3)
 
 
-@pytest.mark.shared
-@pytest.mark.skipif(not SHARED.is_dir(), reason="no shared data")
+@pytest.mark.shared("furniture")
 def test_shared_furniture_loads() -> None:
-    kit = Catalogue.folder(SHARED / "kenney-furniture-kit")
+    kit = Catalogue.folder(DATA / "furniture" / "kenney-furniture-kit")
     assert len(kit.entries) == len(kit.ids) >= 80
     assert not kit.refused
     assert {"sofa", "bed", "bookshelf", "desk", "tv", "rug", "floor lamp"} <= {e.category for e in kit.entries}
-    blend = Catalogue.folder(SHARED / "blendswap-cc0")
+    blend = Catalogue.folder(DATA / "furniture" / "blendswap-cc0")
     assert len(blend.ids) >= 45
     model = blend.mesh("bed1")
     assert model.category == "bed"

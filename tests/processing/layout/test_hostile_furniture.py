@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
+from benchmarks.shared_data import DATA
 from processing.errors import ModelFileError
 from processing.layout.models.catalogue import Catalogue
 
-DAMAGED = Path(__file__).resolve().parents[4] / "shared" / "data" / "damaged"
 TRIANGLE = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)
 
 
@@ -171,12 +171,14 @@ for name in sys.argv[1:]:
 """
 
 
-@pytest.mark.shared
-@pytest.mark.skipif(not DAMAGED.is_dir(), reason="no shared data")
+@pytest.mark.shared("damaged")
 def test_shared_damaged_files_within_limits() -> None:
     """All of them, whatever their ending, in a child with 3 GiB of addresses and 20 s of CPU time."""
     files = [
-        p for folder in ("mesh/assimp_invalid", "handmade") for p in sorted((DAMAGED / folder).iterdir()) if p.is_file()
+        p
+        for folder in ("mesh/assimp_invalid", "handmade")
+        for p in sorted((DATA / "damaged" / folder).iterdir())
+        if p.is_file()
     ]
 
     def limits() -> None:

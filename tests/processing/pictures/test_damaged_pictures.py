@@ -9,8 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.shared_data import DATA
+
 ROOT = Path(__file__).resolve().parents[3]
-CORPUS = ROOT.parent / "shared" / "data" / "damaged" / "exr"
+CORPUS = DATA / "damaged" / "exr"
 WHOLE = {"scanline_with_tiledimage_type.exr"}
 """Read by OpenEXR's own library as a good picture: only the name of its layout is wrong."""
 
@@ -34,8 +36,7 @@ for name in sys.argv[1:]:
 """
 
 
-@pytest.mark.shared
-@pytest.mark.skipif(not CORPUS.exists(), reason="needs the shared data folder beside the checkout")
+@pytest.mark.shared("damaged/exr")
 def test_corpus() -> None:
     files = [p for folder in sorted(CORPUS.iterdir()) if folder.is_dir() for p in sorted(folder.iterdir())]
     files = [p for p in files if p.name != "README.rst"]

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+from benchmarks.shared_data import DATA
 from mocks.instruments.exposures import ShotRequest
 from mocks.optics.picture_jobs import RawFrame, mosaic_file
 from processing.errors import ParameterError, PictureFileError
@@ -27,8 +28,6 @@ from processing.pictures.frames import (
     same_file,
 )
 from processing.pictures.mosaic import PEDESTAL
-
-DAMAGED = Path(__file__).resolve().parents[4] / "shared" / "data" / "damaged" / "jpeg"
 
 
 def picture(height: int = 37, width: int = 50, dtype: type = np.uint8) -> np.ndarray:
@@ -77,10 +76,9 @@ def test_a_changed_byte_gives_a_picture_of_the_right_size_or_a_named_refusal(pla
     assert fits or "a.jpg" in result
 
 
-@pytest.mark.shared
-@pytest.mark.skipif(not DAMAGED.is_dir(), reason="the shared damaged files are not here")
+@pytest.mark.shared("damaged/jpeg")
 def test_the_damaged_jpegs_are_refused_or_whole() -> None:
-    files = [p for p in sorted(DAMAGED.rglob("*")) if p.is_file()]
+    files = [p for p in sorted((DATA / "damaged/jpeg").rglob("*")) if p.is_file()]
     refused = sum(not decodes_whole(path) for path in files)
     assert files
     assert refused >= 0.95 * len(files)

@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from benchmarks.shared_data import DATA
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import PictureFileError
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
@@ -41,9 +42,7 @@ from processing.sphere import (
 )
 from tests.processing.pictures.picture_strategies import luminance_image
 
-REFERENCE = (
-    Path(__file__).resolve().parents[4] / "shared/data/brackets/canon5d2_8mm_bracket/pipeline-output-1000x1000.hdr"
-)
+REFERENCE = "brackets/canon5d2_8mm_bracket/pipeline-output-1000x1000.hdr"
 LIGHT = st.floats(0, 2.0**30, width=32, allow_subnormal=True)
 BYTES = st.integers(0, 255) | st.sampled_from([0, 1, 2, 128, 255])
 
@@ -152,11 +151,10 @@ def test_views_that_are_no_fisheye_upwards(view: str) -> None:
     assert geometry_of("-vta -vh 180 -vv 180", 16, 12) is None
 
 
-@pytest.mark.shared
-@pytest.mark.skipif(not REFERENCE.exists(), reason="needs the shared data folder beside the checkout")
+@pytest.mark.shared(REFERENCE)
 def test_reference_map_of_others() -> None:
     """Their own tool's value, by Radiance's weights; ours are those of Rec. 709."""
-    found = read_radiance_hdr(REFERENCE)
+    found = read_radiance_hdr(DATA / REFERENCE)
     assert isinstance(found.geometry, Fisheye)
     luminance = found.rgb @ np.array(RADIANCE_WEIGHTS, np.float32)
     weights = projected_solid_angles(found.geometry, (0, 0, 1))

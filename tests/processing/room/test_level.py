@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.shared_data import DATA
 from processing.errors import ParameterError
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.room.level import Upright, find_upright, make_upright
@@ -208,13 +208,10 @@ def test_wrong_input_is_refused() -> None:
         find_upright(replace(image, geometry=lens))
 
 
-REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "panoramas" / "furnished"
-
-
-@pytest.mark.skipif(not REAL.is_dir(), reason="the shared panoramas are not there")
+@pytest.mark.shared("panoramas/furnished")
 @pytest.mark.parametrize("name", ["attic_layoutnet_tilted.png", "bedroom_hn_tilted.png"])
 def test_real_tilted_rooms_become_upright(name: str) -> None:
-    raw = cv2.imread(str(REAL / name))[..., 1].astype(np.float32) / 255
+    raw = cv2.imread(str(DATA / "panoramas" / "furnished" / name))[..., 1].astype(np.float32) / 255
     image = as_image(cv2.resize(raw, (768, 384), interpolation=cv2.INTER_AREA) ** 2.2, noise=0)
     found = find_upright(image)
     assert found.note.startswith("turned")

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.shared_data import DATA
 from processing.errors import LayoutFileError
 from processing.ground.room_model import OpeningKind
 from processing.room.readers import horizonnet_room, panoannotator_room, read_layout, zind_room
 from processing.surfaces.maps import boundary_latitudes
-
-SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 
 ZIND = {
     # Seen from above in ZInD's axes: x runs to the left of what is ahead (+y).
@@ -126,14 +125,12 @@ def test_files_are_read_by_format_and_damage_names_the_file(tmp_path: Path) -> N
         read_layout(tmp_path / "none.json", "led2net")
 
 
-@pytest.mark.shared
+@pytest.mark.shared("paper/penn_bed", "panoramas/layout_gt")
 def test_the_authors_own_room_and_a_matterport_label() -> None:
-    if not SHARED.exists():
-        pytest.skip("the shared data are not here")
-    room = read_layout(SHARED / "paper" / "penn_bed" / "authors_layout.json", "led2net")
+    room = read_layout(DATA / "paper" / "penn_bed" / "authors_layout.json", "led2net")
     assert len(room.floor) >= 6
     assert room.ceiling_height_m == pytest.approx(2.8649, abs=1e-3)
-    folder = SHARED / "panoramas" / "layout_gt"
+    folder = DATA / "panoramas" / "layout_gt"
     label = read_layout(folder / "mp3d_7y3sRwLe3Va_1410b021.json", "led2net")
     text = read_layout(folder / "mp3d_7y3sRwLe3Va_1410b021_cor.txt", "horizonnet")
     # Two files of one room by different people's conventions: mirrored, they would not meet.
@@ -141,11 +138,9 @@ def test_the_authors_own_room_and_a_matterport_label() -> None:
     assert np.abs(boundary_latitudes(label, azimuth)[1] - boundary_latitudes(text, azimuth)[1]).max() < 0.05
 
 
-@pytest.mark.shared
+@pytest.mark.shared("panoramas/zind/zind_data.json")
 def test_all_zind_rooms_can_be_read() -> None:
-    path = SHARED / "panoramas" / "zind" / "zind_data.json"
-    if not path.exists():
-        pytest.skip("the shared data are not here")
+    path = DATA / "panoramas" / "zind" / "zind_data.json"
     refused, pictures = [], sorted(path.parent.glob("*.jpg"))
     assert pictures
     for picture in pictures:

@@ -171,6 +171,7 @@ def test_files_that_are_no_network_are_refused(tmp_path: Path) -> None:
         open_segmenter(tmp_path / "toy.pt")
 
 
+@pytest.mark.shared("weights/deeplabv3_mnv2_pascal_quant.tflite")
 def test_a_real_network_of_pascal_voc() -> None:
     """The published picture and its mask: fore- and background agree to 97 % at least (98.2 % is stated)."""
     from PIL import Image
@@ -179,8 +180,7 @@ def test_a_real_network_of_pascal_voc() -> None:
     from benchmarks.room.detect_truth import DATA
 
     network = voc_segmenter()
-    if network is None:
-        pytest.skip("../shared/data/weights is not there")
+    assert network is not None
     with Image.open(DATA / "weights" / "bird_segmentation.bmp") as file:
         picture = np.asarray(file.convert("RGB").resize((513, 513), Image.Resampling.BILINEAR))
     with Image.open(DATA / "weights" / "bird_segmentation_mask.bmp") as file:

@@ -122,7 +122,7 @@ def test_what_a_stage_depends_on_is_the_installed_file(
     assert _files(segmenter="own") == {}
 
 
-@pytest.mark.skipif(not REAL.is_file(), reason="../shared/data/weights is not there")
+@pytest.mark.shared(f"weights/{ADE20K_DEEPLAB.file}", "panoramas/furnished")
 def test_the_pinned_network_gives_scores_and_knows_a_bed() -> None:
     from benchmarks.room.detect_truth import hand_mask, photograph
     from processing.ground.colour import srgb_of_linear

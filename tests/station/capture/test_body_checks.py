@@ -153,7 +153,7 @@ def test_firmware_of_the_theta(tmp_path: Path, firmware: str, refused: str) -> N
     camera.close()
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="/proc")
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other programs are named by /proc")
 @pytest.mark.parametrize("name", GRABBERS)
 def test_a_program_that_grabs_cameras_is_named(name: str, tmp_path: Path) -> None:
     program = tmp_path / name

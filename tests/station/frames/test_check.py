@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.shared_data import DATA
 from station.errors import FrameRejectedError, ResourceError
 from station.frames.check import ExpectedFrame, FrameChecker, FrameFacts, Reason, check_order
 from station.session.session import FrameRecord, Side
 from tests.station.frames.pictures import TAKEN, jpeg
 
-SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="signals and limits of POSIX")
 
 
@@ -196,7 +196,7 @@ def test_what_the_worker_gave_up(checker, tmp_path):
     pid = worker_pid(checker)
     assert any(limit.startswith("address space: 2147483648") for limit in checker.limits)
     if not Path("/proc/self/limits").exists():
-        pytest.skip("no /proc here")
+        pytest.skip("limits and variables of a process are read in /proc, which is not here")
     limits = Path(f"/proc/{pid}/limits").read_text()
     soft = {line[:26].strip(): line[26:47].strip() for line in limits.splitlines()[1:]}
     assert soft["Max address space"] == str(2 * 2**30)
@@ -215,7 +215,7 @@ def test_the_worker_knows_none_of_the_users_variables(monkeypatch, good):
         pid = worker_pid(checker)
         environ = Path(f"/proc/{pid}/environ")
         if not environ.exists():
-            pytest.skip("no /proc here")
+            pytest.skip("limits and variables of a process are read in /proc, which is not here")
         assert b"hunter2" not in environ.read_bytes()
 
 
@@ -302,16 +302,15 @@ def facts_or_reason(checker: FrameChecker, path: Path) -> FrameFacts | str:
 
 def damaged_files() -> list[Path]:
     """Return the shared damaged files that a session folder could hold as frames; half is kept back elsewhere."""
-    folder = SHARED / "damaged"
+    folder = DATA / "damaged"
     found = [p for name in ("jpeg", "exif", "handmade") for p in (folder / name).rglob("*") if p.is_file()]
     return sorted(p for p in found if int(hashlib.sha256(p.name.encode()).hexdigest(), 16) % 2 == 0)
 
 
-@pytest.mark.shared
+@pytest.mark.shared("damaged")
 def test_damaged_files_are_refused_by_name_or_sound_to_an_independent_eye(checker):
     files = damaged_files()
-    if not files:
-        pytest.skip("the shared data folder is not beside the checkout")
+    assert files
     before = checker.deaths
     found = {path: facts_or_reason(checker, path.resolve()) for path in files}
     reasons = [reason for reason in found.values() if isinstance(reason, str)]
@@ -326,11 +325,9 @@ def test_damaged_files_are_refused_by_name_or_sound_to_an_independent_eye(checke
             assert values.mean() / 255 == pytest.approx(facts.mean_frac, abs=0.02), path.name
 
 
-@pytest.mark.shared
+@pytest.mark.shared("brackets/canon5d2_8mm_bracket")
 def test_a_real_bracket_passes(checker):
-    folder = SHARED / "brackets" / "canon5d2_8mm_bracket"
-    if not folder.exists():
-        pytest.skip("the shared data folder is not beside the checkout")
+    folder = DATA / "brackets" / "canon5d2_8mm_bracket"
     found: list[FrameFacts] = []
     for path in sorted(folder.glob("*.JPG")):
         expected = ExpectedFrame(iso=100, f_number=5.6, width_px=5616, height_px=3744)
@@ -342,13 +339,11 @@ def test_a_real_bracket_passes(checker):
         checker.check((folder / "IMG_6961.JPG").resolve(), wrong)
 
 
-@pytest.mark.shared
+@pytest.mark.shared("brackets/canon5d2_8mm_bracket")
 @pytest.mark.parametrize("at", [200_000, 1_000_001, 3_000_000])
 def test_a_packet_lost_from_a_real_frame_is_heard_of(checker, tmp_path, at):
     """Of 512 bytes lost or doubled every one was; of single flipped bits only one in five: those are for SHA-256."""
-    source = SHARED / "brackets" / "canon5d2_8mm_bracket" / "IMG_6963.JPG"
-    if not source.exists():
-        pytest.skip("the shared data folder is not beside the checkout")
+    source = DATA / "brackets" / "canon5d2_8mm_bracket" / "IMG_6963.JPG"
     data = source.read_bytes()
     path = tmp_path / "lost.jpg"
     path.write_bytes(data[:at] + data[at + 512 :])

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.shared_data import DATA
 from station.errors import SessionNotFoundError, UsageError
 from station.frames.dataset import Bracket, Doubt, find_brackets, pair_brackets, read_table, room_and_minute, row_of
 from station.session.session import Side
 
-TABLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "paper" / "cali_hdr_summary.csv"
+TABLE = "paper/cali_hdr_summary.csv"
 
 
 def tree(root: Path, *folders: str, files: tuple[str, ...] = ("R0010926.JPG",)) -> Path:
@@ -190,11 +191,9 @@ def test_a_table_that_cannot_be_right_is_named_with_its_line(tmp_path: Path, tex
         read_table(tmp_path / "none.csv")
 
 
-@pytest.mark.shared
+@pytest.mark.shared(TABLE)
 def test_the_authors_table_is_read_whole() -> None:
-    if not TABLE.exists():
-        pytest.skip("the shared data folder is not beside the checkout")
-    rows = read_table(TABLE)
+    rows = read_table(DATA / TABLE)
     assert len(rows) == 137
     assert all(row.minute is not None and row.luminance_cd_m2 for row in rows)
     assert sum(row.nd_filter == "NO" for row in rows) > 0

@@ -5,20 +5,18 @@ from __future__ import annotations
 import random
 import struct
 from datetime import datetime
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+from benchmarks.shared_data import DATA
 from station.frames.exif import parse_offset
 from station.frames.exif import read_exif as read_tags
 from station.frames.facts import ExifRecord
 from station.frames.problems import FrameProblemError, Reason
 from tests.station.frames.pictures import TAKEN, exif
-
-SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 
 
 def block(order: str, main: list[tuple], sub: list[tuple] | None = None, **places: int) -> bytes:
@@ -212,11 +210,10 @@ def changed_block(seed):
     return bytes(data[: rng.randint(0, len(data))] if rng.random() < 0.2 else data)
 
 
-@pytest.mark.shared
+@pytest.mark.shared("damaged/exif/libexif_testdata")
 def test_real_maker_note_files_read_as_pillow_reads_them():
-    files = sorted((SHARED / "damaged" / "exif" / "libexif_testdata").glob("*.jpg"))
-    if not files:
-        pytest.skip("the shared data folder is not beside the checkout")
+    files = sorted((DATA / "damaged" / "exif" / "libexif_testdata").glob("*.jpg"))
+    assert files
     for path in files:
         data = path.read_bytes()
         at = data.index(b"Exif\0\0") + 6

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from PIL import Image
 
 import daylit
+from benchmarks.shared_data import DATA
 from station.commands.sessions import import_session as command
 from station.commands.sessions import parse_zone
 from station.errors import FrameRejectedError, IncompleteBracketError, SessionNotFoundError, UsageError
@@ -24,7 +25,6 @@ from station.session.store import load_manifest
 from station.session.verify import verify_session
 from tests.station.frames.pictures import dng, exif, jpeg
 
-SHARED = Path(__file__).resolve().parents[4] / "shared" / "data" / "brackets"
 TIMES_S = (1 / 60, 4.0, 1.0, 1 / 15, 1 / 4)
 """In the order of the file names: not the order of the stops."""
 
@@ -281,7 +281,7 @@ def test_hostile_names_are_text(tmp_path, checker, room):
     assert all(f.camera_name.isprintable() for f in report.manifest.frames)
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs links")
+@pytest.mark.skipif(os.name != "posix", reason="links need a privilege elsewhere")
 def test_links_to_files_are_read_and_broken_ones_named(tmp_path, checker, room):
     links = tmp_path / "links"
     links.mkdir()
@@ -386,7 +386,7 @@ def test_errors_of_the_command_are_json_where_asked(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["error"]["kind"] == "IncompleteBracketError"
 
 
-@pytest.mark.shared
+@pytest.mark.shared("brackets/canon5d2_8mm_bracket", "brackets/room_t2i")
 @pytest.mark.parametrize(
     ("name", "stops_s"),
     [
@@ -395,9 +395,7 @@ def test_errors_of_the_command_are_json_where_asked(tmp_path, capsys):
     ],
 )
 def test_real_brackets(tmp_path, checker, name, stops_s):
-    if not (SHARED / name).exists():
-        pytest.skip("the shared data folder is not beside the checkout")
-    report = run(tmp_path, checker, folders={Side.INDOOR: SHARED / name})
+    report = run(tmp_path, checker, folders={Side.INDOOR: DATA / "brackets" / name})
     assert report.manifest.status is SessionStatus.COMPLETE
     assert report.manifest.bracket.stops_s == pytest.approx(stops_s)
     assert report.refused == ()

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks.shared_data import DATA
 from station.errors import DaylitError, ManifestError, SchemaTooNewError, SessionNotFoundError
 from station.session import manifest as manifest_module
 from station.session import strict_json
@@ -16,9 +17,8 @@ from station.session.session import FrameRecord, SessionManifest
 from tests.station.session.sessions import complete_session, manifest
 
 ROOT = Path(__file__).resolve().parents[3]
-DAMAGED = ROOT.parent / "shared" / "data" / "damaged"
+DAMAGED = DATA / "damaged"
 SUITE = DAMAGED / "json" / "JSONTestSuite"
-needs_shared = pytest.mark.skipif(not SUITE.is_dir(), reason="the shared data folder is not beside the checkout")
 SHA = "0" * 64
 
 
@@ -184,8 +184,7 @@ def test_damaged_bytes_never_escape_the_typed_errors(junk: bytes, position: int)
     assert isinstance(found, SessionManifest)
 
 
-@needs_shared
-@pytest.mark.shared
+@pytest.mark.shared("damaged/json/JSONTestSuite")
 def test_the_json_test_suite() -> None:
     counts = {"y": 0, "n": 0, "i": 0}
     for file in sorted(SUITE.iterdir()):
@@ -206,8 +205,7 @@ def test_the_json_test_suite() -> None:
     assert counts["y"] > 20
 
 
-@needs_shared
-@pytest.mark.shared
+@pytest.mark.shared("damaged/handmade")
 def test_the_handmade_hostile_json() -> None:
     files = sorted((DAMAGED / "handmade").glob("*.json"))
     assert files

@@ -9,12 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks.shared_data import DATA
 from station.errors import ConditionsError
 from station.simulate.conditions import COLUMNS, load_conditions, orientation
 
 HEADER = ",".join(COLUMNS)
 GOOD = "56,20230519,coda_320,15:54,73.25,15:52,51600,261°W,YES,YES"
-PAPER = Path(__file__).resolve().parents[4] / "shared" / "data" / "paper" / "cali_hdr_summary.csv"
+PAPER = "paper/cali_hdr_summary.csv"
 
 
 def written(tmp_path: Path, *rows: str, header: str = HEADER, encoding: str = "utf-8") -> Path:
@@ -135,10 +136,9 @@ def test_an_orientation_that_was_written_can_be_read(heading_deg: float) -> None
     assert abs(off_deg) <= 0.5
 
 
-@pytest.mark.shared
-@pytest.mark.skipif(not PAPER.exists(), reason="the paper's list is not here")
+@pytest.mark.shared(PAPER)
 def test_the_papers_list_has_137_conditions() -> None:
-    conditions = load_conditions(PAPER)
+    conditions = load_conditions(DATA / PAPER)
     assert len(conditions) == 137
     assert [c.index for c in conditions] == list(range(1, 138))
     assert sum(c.outdoor_local is None for c in conditions) == 24

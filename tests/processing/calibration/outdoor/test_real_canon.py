@@ -14,10 +14,7 @@ from processing.calibration.scale.photometry import illuminance_lx
 from processing.pictures.frames import jpeg_frame
 from processing.pictures.images import LuminanceImage
 
-pytestmark = [
-    pytest.mark.shared,
-    pytest.mark.skipif(not canon.FOLDER.is_dir(), reason="the shared data folder is not beside the checkout"),
-]
+pytestmark = pytest.mark.shared("brackets/canon5d2_8mm_bracket")
 
 
 @pytest.fixture(scope="module")
