@@ -33,7 +33,8 @@ ROOM_BYTES = 4 << 30
 KEPT_S = 7 * 86_400
 """Worlds of other sources (chosen: somebody who goes back to yesterday's branch finds them)."""
 
-RIGS = "tests/processing/commands/test_rig_"
+TOGETHER = ("tests/processing/commands/test_rig_", "tests/architecture/test_")
+"""How names of files begin that share what is made once: simulated cameras of rigs; the parsed sources."""
 os.environ["DAYLIT_MODELS"] = os.devnull
 """No network of others, whatever is installed here."""
 LONG = os.environ.get("DAYLIT_TORTURE") == "1"
@@ -50,7 +51,7 @@ gc.set_threshold(100_000, 20, 100)
 """Chosen: at Python's own 700 a quarter of the collection and half of reading sources goes into looking for garbage."""
 
 SLOW = [HealthCheck.too_slow]  # a busy machine, not a test's fault
-settings.register_profile("same", derandomize=True, max_examples=30, suppress_health_check=SLOW, deadline=None)
+settings.register_profile("same", derandomize=True, max_examples=20, suppress_health_check=SLOW, deadline=None)
 settings.register_profile("new", print_blob=True, deadline=None)
 settings.load_profile("new" if LONG else "same")
 if not LONG:
@@ -123,7 +124,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """With ``--dist loadfile`` keep the files of rigs on one worker, too: their cameras are the same ones (`once`)."""
+    """With ``--dist loadfile`` keep `TOGETHER` on one worker, too."""
     if config.getvalue("dist") != "loadfile":
         return None
     from xdist.scheduler import LoadFileScheduling
@@ -131,7 +132,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     class Files(LoadFileScheduling):
         def _split_scope(self, nodeid: str) -> str:
             file = super()._split_scope(nodeid)
-            return RIGS if file.startswith(RIGS) else file
+            return next((begin for begin in TOGETHER if file.startswith(begin)), file)
 
     return Files(config, log)
 

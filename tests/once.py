@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import DaylitError
+from tests.conftest import LONG
 
 PURE = {
     "processing.stages.merge": ("recover_response", "check_response", "fit_linear", "place_lenses"),
@@ -111,6 +112,16 @@ def each_pure_once() -> Iterator[None]:
     Not of the scope "package", which ends with the session where a folder has no ``__init__.py``.
     """
     with each_once(PURE), fewer_patches():
+        yield
+
+
+@pytest.fixture
+def few_patches() -> Iterator[None]:
+    """For a test of responses that is about something else than how exact they are; the long runs have them whole."""
+    if LONG:
+        yield
+        return
+    with fewer_patches():
         yield
 
 

@@ -18,7 +18,7 @@ import sys
 import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -28,19 +28,17 @@ import pytest
 
 import daylit
 from processing.commands import demo as demo_command
-from processing.light.solver.basis import BASIS_EFFORTS
-from processing.light.solver.irradiance import EFFORTS
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage
 from processing.pipeline import STAGES
 from processing.running.runner import RESULTS
-from processing.stages import light, render, upright
+from processing.stages import upright
 from processing.stages.upright import in_size
 from tests.conftest import LONG
 from tests.once import all_anew
 
 ROOT = Path(__file__).resolve().parents[2]
-pytestmark = pytest.mark.timeout(3600)
+pytestmark = [pytest.mark.timeout(3600), pytest.mark.usefixtures("few_rays")]
 SESSION = "sessions/2023-05-19T1554Z_coda-320"
 """README's session: here it is the demo's, under this name."""
 NEEDED = {
@@ -110,21 +108,8 @@ def run_here(*words: str, cwd: Path) -> str:
     return click.unstyle(out.getvalue())
 
 
-@pytest.fixture(scope="module", autouse=True)
-def few_rays() -> Iterator[None]:
-    """What is lit is looked for, not how well."""
-    few = {"texel_m": 0.3, "rows": 48, "patch_samples": 16, "pixel_samples": 8, "sun_samples": 8}
-    with pytest.MonkeyPatch.context() as patch:
-        for table in () if LONG else (BASIS_EFFORTS, EFFORTS, render.QUALITY):
-            for quality, effort in table.items():
-                patch.setitem(table, quality, replace(effort, **few))
-        for quality, (rows, effort) in () if LONG else light.WORK.items():
-            patch.setitem(light.WORK, quality, (rows, replace(effort, **few)))
-        yield
-
-
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Made:
+def demo(tmp_path_factory: pytest.TempPathFactory, few_rays: None) -> Made:
     """The whole of it, staging too, in draft quality with pictures of an eighth the size."""
     folder = tmp_path_factory.mktemp("demo")
     words = ("demo", "--quick", "--world", "room", "--size", "small")

@@ -39,7 +39,7 @@ from tests.processing.relighting.lit_sessions import lit_session
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory) -> Path:
+def session(tmp_path_factory, few_rays) -> Path:
     folder = lit_session(tmp_path_factory.mktemp("sessions") / "bedroom")
     finish_all(folder)
     return folder

@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from processing.layout.models.catalogue import Catalogue
+from processing.relighting import model_pictures
 from processing.relighting.model_pictures import FROM_THE_RIGHT_RAD, MARGIN, model_sheet, preview, two_sides
+from tests.conftest import LONG
 
 SIZE_PX = 96
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_rays() -> Iterator[None]:
+    """Shapes and sides are looked for, not how smooth the light is."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not LONG:
+            patch.setattr(model_pictures, "EFFORT", replace(model_pictures.EFFORT, rows=96, pixel_samples=8))
+        yield
 
 
 @cache

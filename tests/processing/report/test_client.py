@@ -151,9 +151,10 @@ def test_of_a_doubtful_room_the_page_says_what_was_left_undone_and_which_part_st
         return own | {"metrics": {**own["metrics"], **facts}, "left_out": mine} | why
 
     page = replace(given, summary=summary)
-    notices = client_data(page, report_data(page)).notices
+    lab = report_data(page)
+    notices = client_data(page, lab).notices
     assert any(said in text for text in notices), notices
-    walls = [row[0] for s in report_data(page).sections for t in s.tables if t.title == "Walls" for row in t.rows]
+    walls = [row[0] for s in lab.sections for t in s.tables if t.title == "Walls" for row in t.rows]
     assert walls[0] == "wall 1", "the laboratory's page counts them alike"
     removed = [text for text in notices if "removed digitally" in text]
     assert len(removed) == ("remove" not in skipped), "its sentences depend on what was done"
@@ -178,12 +179,12 @@ def _with_room(found: Results, room: object, confidence: float) -> Results:
 
 @pytest.mark.usefixtures("small")
 def test_the_slider_shows_one_states_day_and_no_lone_hour_has_one(staged: StageContext) -> None:
-    data = client_data(staged, report_data(staged))
+    lab = report_data(staged)
+    data = client_data(staged, lab)
     assert data.day is None
     assert "data-part=hour" not in build_client_page(data)
     hours = ("2025-06-21 09:00, staged 1", "2025-06-21 15:00, staged 1", "2025-06-21 09:00, emptied")
     cards = tuple(Card(title, b"\xff\xd8", title) for title in hours)
-    lab = report_data(staged)
     day = replace(lab, sections=(*lab.sections, Section("Times of day", widgets=(Cards(cards),))))
     found = client_data(staged, day).day
     assert found is not None

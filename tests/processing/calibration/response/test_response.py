@@ -54,6 +54,8 @@ def test_stated_uncertainty_covers_the_error() -> None:
     assert two > 0.9
 
 
+@pytest.mark.sweep
+@pytest.mark.usefixtures("few_patches")
 def test_a_shutter_is_as_sure_as_the_frames_show_it() -> None:
     shot = bracket(31)
     times = np.array(shot.times_s) * 2 ** np.random.default_rng(800_004).normal(0, 0.05, len(shot.times_s))
@@ -90,6 +92,7 @@ def test_order_and_repetition_of_frames_change_nothing() -> None:
 
 @pytest.mark.sweep
 @pytest.mark.parametrize("frames", [(3, 4, 5), (0, 2, 4, 6, 8), (7, 8)] if LONG else [(3, 4, 5)])
+@pytest.mark.usefixtures("few_patches")
 def test_missing_stops_cost_little(frames: tuple[int, ...]) -> None:
     fit = recover_response([bracket(frames=frames)])
     assert is_sound(fit)
@@ -106,6 +109,8 @@ def test_ten_times_the_noise_is_stated() -> None:
     assert (z < 2).mean() > 0.8
 
 
+@pytest.mark.sweep
+@pytest.mark.usefixtures("few_patches")
 def test_moved_pixels_and_blocks_are_left_out() -> None:
     rng = np.random.default_rng(1)
     frames = [frame.copy() for frame in made().frames]
@@ -120,6 +125,7 @@ def test_moved_pixels_and_blocks_are_left_out() -> None:
 
 @pytest.mark.sweep
 @pytest.mark.parametrize(("frame", "factor"), [(0, 0.5), (4, 1.26), (8, 0.5)] if LONG else [(4, 1.26)])
+@pytest.mark.usefixtures("few_patches")
 def test_a_wrong_time_is_named_and_put_right(frame: int, factor: float) -> None:
     times = list(made().true_s)
     times[frame] *= factor
@@ -139,6 +145,8 @@ def test_one_wrong_time_is_an_entry_though_times_are_estimated() -> None:
     assert np.log2(np.array(fit.times_s) / times) == pytest.approx(np.zeros(9), abs=0.02)
 
 
+@pytest.mark.sweep
+@pytest.mark.usefixtures("few_patches")
 def test_several_wrong_times_are_a_shutter_that_scatters() -> None:
     times = np.array(made().true_s)
     scattered = times * np.exp2([0.15, -0.2, 0.25, -0.3, 0.1, 0.3, -0.25, 0.2, -0.15])
@@ -151,6 +159,8 @@ def test_several_wrong_times_are_a_shutter_that_scatters() -> None:
     assert max(fit.time_sigma) > 0.01
 
 
+@pytest.mark.sweep
+@pytest.mark.usefixtures("few_patches")
 def test_true_times_behind_nominal_ones_are_found() -> None:
     source = made(34, TrueShutter.THIRDS_OF_STOPS)
     nominal = Bracket8(source.frames, source.nominal_s)

@@ -1,0 +1,5 @@
+"""Responses of few patches, for tests that ask for it."""
+
+from tests.once import few_patches
+
+__all__ = ["few_patches"]
