@@ -66,6 +66,7 @@ def test_hostile_worlds_lie_within_their_intervals(number: int) -> None:
 
 
 @needs_curves
+@pytest.mark.long
 def test_of_a_lens_with_a_halo_the_merge_is_closer_than_opencv_to_the_light_that_it_draws() -> None:
     """What of it is halo no frame shows: a perfect merge has nearly all of our error against the light itself."""
     world = hostile_worlds(hostile.published_cameras(), SEED)[HALO]
@@ -80,6 +81,7 @@ def in_this_process(*asked: object) -> None:
 
 
 @needs_curves
+@pytest.mark.long
 def test_hard_films_are_merged_by_command(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its commands in this process, which has imported what they need."""
     monkeypatch.setattr(film, "_daylit", in_this_process)
@@ -89,6 +91,7 @@ def test_hard_films_are_merged_by_command(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @needs_curves
+@pytest.mark.long
 def test_published_curves_are_recovered_from_lossless_frames_and_from_jpeg(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dorf, "MOST", 4)
     monkeypatch.setattr(dorf, "SIZE", (420, 210))
@@ -100,7 +103,8 @@ def test_published_curves_are_recovered_from_lossless_frames_and_from_jpeg(monke
 
 @needs_curves
 @pytest.mark.parametrize(
-    ("film", "scene", "held", "off_stops"), [(20, 1, False, 0.1), (28, 0, False, 0.3), (28, 0, True, 0.5)]
+    ("film", "scene", "held", "off_stops"),
+    [pytest.param(20, 1, False, 0.1, marks=pytest.mark.long), (28, 0, False, 0.3), (28, 0, True, 0.5)],
 )
 def test_hard_films_state_what_few_codes_leave_open_of_their_curves(
     monkeypatch: pytest.MonkeyPatch, film: int, scene: int, held: bool, off_stops: float

@@ -83,24 +83,11 @@ NEEDS = {
 }
 """What of the shared data a benchmark reads; it is beside the checkout or the test is skipped."""
 LONG = {
-    *("albedo", "batch", "capture", "detect", "emptying", "end_to_end", "files", "hostile", "instruments", "merge"),
-    *("pages", "photometry", "steady"),
-    *(
-        "pipeline",
-        "qualities",
-        "real",
-        "relight",
-        "remove",
-        "render",
-        "response",
-        "room",
-        "sphere",
-        "stills",
-        "studio",
-        "truth",
-    ),
+    *("albedo", "arrange", "batch", "capture", "detect", "emptying", "end_to_end", "files", "hostile", "instruments"),
+    *("merge", "pages", "photometry", "pipeline", "qualities", "real", "relight", "remove", "render", "response"),
+    *("room", "sphere", "steady", "stills", "studio", "truth"),
 }
-"""Five seconds of CPU time or more even so, kernels compiled: they run with `make torture` (DAYLIT_TORTURE=1)."""
+"""Two seconds of CPU time or more even so, kernels compiled: they run with `make torture` (DAYLIT_TORTURE=1)."""
 ROOM_ROWS = 128
 """Of the truth panoramas in the place of 512."""
 SMALLER: dict[str, Any] = {

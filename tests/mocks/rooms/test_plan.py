@@ -19,7 +19,7 @@ from mocks.rooms.plan.openings import check_plan
 from mocks.rooms.room import draw_plan
 from tests.conftest import LONG
 
-SEEDS = range(300 if LONG else 60)
+SEEDS = range(300 if LONG else 30)
 pytestmark = pytest.mark.sweep
 USES = tuple(Use)
 SQUARE = ((-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0))

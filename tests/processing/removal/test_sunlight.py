@@ -147,7 +147,7 @@ def test_without_knowledge_of_a_sun_only_what_nothing_else_can_be_is_its_light(c
     assert (found == patch).all() if case == "a patch" else not found.any()
 
 
-@pytest.mark.parametrize("ratio", [3.0, 30.0, 300.0])
+@pytest.mark.parametrize("ratio", [3.0, pytest.param(30.0, marks=pytest.mark.long), 300.0])
 def test_a_sun_far_brighter_than_any_white_in_the_shade_is_known_by_its_patches(ratio: float) -> None:
     """Where no patch is certain enough to be removed; what white paint could show as well says nothing of a sun."""
     found = sunlight(paint(sun_ratio=ratio), None)

@@ -20,6 +20,7 @@ from processing.room.outline import ALONG_X, ALONG_Y, Outline, Wall, corners_of,
 from processing.room.refine import Refined
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.surfaces.maps import wall_ranges
+from tests.conftest import LONG
 from tests.processing.room.evidence import (
     BOX,
     COLUMNS,
@@ -54,7 +55,10 @@ def test_exact_boundaries_give_the_exact_room(floor, angle: float) -> None:
 HALL = ((-4.5, -6.0), (3.5, -6.0), (3.5, 4.0), (-4.5, 4.0))
 
 
-@pytest.mark.parametrize(("floor", "camera_m", "ceiling_m"), [(HALL, 1.6, 12.0), (BOX, 0.5, 2.7), (BOX, 0.3, 2.6)])
+@pytest.mark.parametrize(
+    ("floor", "camera_m", "ceiling_m"),
+    [(HALL, 1.6, 12.0), pytest.param(BOX, 0.5, 2.7, marks=pytest.mark.long), (BOX, 0.3, 2.6)],
+)
 def test_halls_and_rooms_seen_from_near_the_floor_have_their_height_and_size(floor, camera_m, ceiling_m) -> None:
     room = room_of(floor, camera=camera_m, ceiling=ceiling_m)
     for noise_deg, least in ((0.0, 0.999), (1.0, 0.985)):
@@ -73,8 +77,9 @@ def test_a_doorway_that_shows_another_room_does_not_move_the_wall() -> None:
     assert len(best.fit.polygon) == 4
 
 
+@pytest.mark.sweep
 @given(st.integers(0, 1000))
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=20 if LONG else 3, deadline=None)
 def test_whatever_the_boundaries_say_the_room_can_stand(seed: int) -> None:
     rng = np.random.default_rng(seed)
     true = boundary_of(room_of(ELL), noise_deg=2.0, seed=seed)

@@ -135,7 +135,7 @@ def test_a_picture_of_one_tone_says_nothing(level: float) -> None:
     np.testing.assert_allclose(evidence.probabilities, 1 / len(SceneClass), rtol=1e-6)
 
 
-@pytest.mark.parametrize("rows", [4, 33, 128])
+@pytest.mark.parametrize("rows", [4, 33, pytest.param(128, marks=pytest.mark.long)])
 def test_noise_and_clipped_pictures_give_finite_answers(rows: int) -> None:
     rng = np.random.default_rng(rows)
     for picture in (rng.random((rows, 2 * rows, 3)), np.minimum(rng.exponential(5, (rows, 2 * rows, 3)), 1)):

@@ -16,6 +16,7 @@ from processing.sphere import (
     projected_solid_angles,
     solid_angles,
 )
+from tests.conftest import LONG
 from tests.processing.sphere.sphere_pictures import fisheye, geometries, one_of_each
 
 SIZES = (16, 17, 33)
@@ -34,8 +35,9 @@ def test_a_uniform_hemisphere_gives_pi_on_any_plane(rows, normal):
         assert sum(projected_solid_angles(p, normal).sum() for p in parts) == pytest.approx(math.pi, rel=5e-6)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("mapping", list(LensMapping))
-@pytest.mark.parametrize("size", [1, 2, 16, 101, 530])
+@pytest.mark.parametrize("size", [1, 2, 16, 101, *([530] if LONG else [])])
 @pytest.mark.parametrize("half_field_rad", [math.pi / 2, 1.1])
 def test_a_fisheye_holds_its_cap(mapping, size, half_field_rad):
     lens = fisheye(mapping, size, half_field_rad=half_field_rad, top_azimuth_rad=1.0)

@@ -22,7 +22,7 @@ from tests.torture.ptp.flavours import FLAVOURS, Flavour
 from tests.torture.ptp.session import LIMITS_S, SLACK_S, Sitting, Verdict
 
 LONG = bool(os.environ.get("DAYLIT_TORTURE"))
-SINGLE, PAIRS = (1500, 600) if LONG else (10, 4)
+SINGLE, PAIRS = (1500, 600) if LONG else (6, 3)
 """Sittings of each flavour."""
 SEED = 20230519
 Schedule = tuple[Fault, ...]
