@@ -19,7 +19,7 @@ from processing.light.solver.stage import Stage
 from processing.sphere import Equirectangular
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
-ROWS = 240
+ROWS = 160
 LOOK = Effort(texel_m=0.25, patch_samples=32, rows=48, pixel_samples=16, sun_samples=16, clean=False)
 POLE = box((1.0, 1.2, 0.9), (0.02, 0.02, 1.8), name="pole")
 TABLE = box((1.2, -0.8, 0.4), (0.8, 0.8, 0.8))

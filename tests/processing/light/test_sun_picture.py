@@ -17,7 +17,7 @@ from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_s
 
 SUN = Sun((0.0, -0.8, 0.6), (80_000.0, 70_000.0, 60_000.0))
 VIEW = Perspective(320, 240, 0.4, pitch_rad=-1.2)
-MIDDLE = Perspective(160, 120, 0.2, pitch_rad=-1.2)
+MIDDLE = Perspective(112, 84, 0.2, pitch_rad=-1.2)
 
 
 def sunny(*parts, bars: bool = False) -> Scene:
@@ -86,7 +86,7 @@ def test_no_sun_no_pane_and_one_pixel() -> None:
 def test_the_sun_falls_through_a_pane_no_farther_than_its_photographed_patch_reaches() -> None:
     """A casing was taken for glass: new patches ended beside the photographed ones, ragged, as removal's mask does."""
     light = uniform_sky(1000.0, SUN)
-    geometry, cells = Equirectangular(1024, 512), np.ones((37, 50), np.float32)
+    geometry, cells = Equirectangular(640, 320), np.ones((37, 50), np.float32)
     stages = [
         Stage.of(scene_of(box_room(window=window), light), 0.2)
         for window in ((1.5, 3.5, 0.8, 2.28), (1.7, 3.5, 0.8, 2.08))

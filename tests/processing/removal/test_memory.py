@@ -49,7 +49,7 @@ def peak_bytes(rows: int) -> int:
 
 def test_an_emptied_room_takes_little_memory_a_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(ASKED, "1")
-    small, large = 256, 512
+    small, large = 192, 384
     peak_bytes(16)  # what is loaded on first use
     more = peak_bytes(large) - peak_bytes(small)
     assert 10.0 < more / (2 * (large**2 - small**2)) < MOST

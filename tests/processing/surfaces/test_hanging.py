@@ -13,7 +13,7 @@ from processing.surfaces.hanging import hanging
 from processing.surfaces.maps import CEILING, plane_map
 from tests.processing.light.rooms import box_room
 
-ROWS = 1024
+ROWS = 640
 ROOM = box_room(6.0, 5.0, window=None)
 
 
