@@ -37,8 +37,8 @@ PURE = {
 }
 """What most of the time of stages, rigs and reports goes into, by the modules that call it."""
 FEW = {
-    "processing.calibration.response.samples": {"CANDIDATES": 2500, "MAX_SAMPLES": 700},
-    "processing.calibration.response.bracket_fit": {"_QUICK_PATCHES": 500},
+    "processing.calibration.response.samples": {"CANDIDATES": 1600, "MAX_SAMPLES": 450},
+    "processing.calibration.response.bracket_fit": {"_QUICK_PATCHES": 300},
     "processing.calibration.response.linear": {"GRID_SAMPLES": 15_000},
     "processing.calibration.merge.tables": {"GRID_SAMPLES": 4_000},
 }
