@@ -25,10 +25,8 @@ if TYPE_CHECKING:
     from processing.layout.plan import FloorPlan
 
 AnyPath = str | os.PathLike[str]
-Picture = LuminanceImage | RelativeImage
-"""A calibrated picture, or one of a merged bracket whose scale is still unknown."""
-IN_A_SESSION = ("room.json", "stages/room/room.json")
-"""Where a session's room lies: corrected by hand, or as it was estimated."""
+Picture = LuminanceImage | RelativeImage  # a calibrated picture, or one of a merged bracket whose scale is unknown
+IN_A_SESSION = ("room.json", "stages/room/room.json")  # where a session's room lies: by hand, or as estimated
 
 
 @dataclass(frozen=True)

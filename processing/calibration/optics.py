@@ -28,12 +28,10 @@ PUBLISHED_FALLOFF = {
     "canon_5d2": (("canon_8mm_f5_6", 5.6), ("canon_8mm_f8", 8.0), ("canon_8mm_f11", 11.0)),
 }
 """By kind of camera, with the aperture of each."""
-OTHER_APERTURE_UNCERTAINTY = 0.03
-"""Relative, of a fall-off published for another aperture: f/8 and f/11 differ by that much."""
+OTHER_APERTURE_UNCERTAINTY = 0.03  # relative, of a fall-off published for another aperture (f/8 and f/11)
 SURE_SUPPORT = 0.5  # share of rays on which the circle's edge must be seen, to trust it more than the rig file's
 GLARE_MAX_MISFIT = 0.7  # chosen: half of the light's variance is then not the kernel's
-GLARE_MAX_INDEX = 0.3
-"""Veiling glare indices of lenses are below 0.1: more is light that fell on the sensor in another way."""
+GLARE_MAX_INDEX = 0.3  # veiling glare indices of lenses are below 0.1: more is other light on the sensor
 LAMPS = "lamps in the dark, of the rig profile"
 _CORRECTED: dict[Correction, str] = {
     "panorama": "the panorama's vignetting",

@@ -38,8 +38,7 @@ SHAPING = (
 """Settings of a session's cameras that bend the curve or the colours: a profile holds for what it was measured with."""
 _REL_TOLERANCE = 0.01  # of f-numbers: cameras write 5.6 for 5.657
 
-Correction = Literal["panorama", "vignetting", "nd"]
-"""The panorama's fall-off, the fisheye's, and the tint of its filter."""
+Correction = Literal["panorama", "vignetting", "nd"]  # the panorama's fall-off, the fisheye's, the tint of its filter
 
 
 class CameraState(Model):

@@ -23,8 +23,7 @@ LEAST_SR, MOST_SR = 6e-4, 0.35
 """Solid angle of a board: from a sheet of A4 paper at 5 m to a square of half a metre at 0.9 m."""
 MOST_LATITUDE_RAD = math.radians(60)  # chosen: a board on a stand is metered from about its own height
 MIN_CONFIDENCE = 0.25  # chosen on the simulated rooms: below, a lamp or a picture is as likely
-WORK_WIDTH_PX = 840
-"""Width to which a panorama is reduced for the search: the smallest board is then still 13 pixels large."""
+WORK_WIDTH_PX = 840  # width to which a panorama is reduced for the search: the smallest board is then 13 pixels large
 LEAST_PX = 9  # pixels of a bright region; chosen, never swept
 LEAST_AHEAD = 0.05  # cosine of the angle from the region's middle at which the tangent plane is cut off
 

@@ -25,8 +25,7 @@ RGB_OF_XYZ = tuple(tuple(float(v) for v in row) for row in np.linalg.inv(np.arra
 
 _ENCODE_KNEE, _DECODE_KNEE = 0.0031308, 0.04045
 """IEC 61966-2-1: the curve is straight, of slope 12.92, below these values of light and of signal."""
-_ENCODED_LEVELS = 65536
-"""Of light, in the table of `srgb_of_linear`: 0.05 code apart where the curve is steepest. Chosen."""
+_ENCODED_LEVELS = 65536  # of light, in the table of `srgb_of_linear`: at most 0.05 code apart. Chosen
 CCT_RANGE_K = (1700.0, 40_000.0)
 """Robertson's isotherms begin at 1667 K, below a candle's 1900 K; the upper end is chosen: a clear northern sky."""
 _AT_ONCE = 1 << 14  # chromaticities, for the processor's cache

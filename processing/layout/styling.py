@@ -22,8 +22,7 @@ from processing.layout.rules import built_in_rules
 from processing.layout.verify import Judge, Piece
 
 LEVELS = ("none", "light", "full")
-AIR_M = 0.06
-"""Between things on a wall, and round a rug (chosen by eye, as all lengths of this file without another word)."""
+AIR_M = 0.06  # between things on a wall, and round a rug (chosen by eye, as all lengths of this file without a word)
 BEFORE_M = 0.3  # of a pane above its sill, before which a lamp or a vase may stand
 NEAR_WALL_M = 0.30  # what stands nearer than this to a wall is before it
 ABOVE_M, EYE_M = 0.18, 1.5

@@ -25,8 +25,7 @@ ROWS_AT_ONCE = 256  # of which directions are worked out; chosen: 50 MB of the l
 Kind = Literal["level", "seam", "axis", "whole", "scatter", "colour"]
 LEVEL_SHIFT = 20  # bits of a float32, dropped: what is left steps by an eighth of an octave
 LEVELS = 1 << (32 - LEVEL_SHIFT)
-SEAM_SIGMA = 0.02
-"""Half the difference in exposure that two lenses of one body may have; chosen: 0.06 stop, thrice a shutter's."""
+SEAM_SIGMA = 0.02  # half the difference in exposure of two lenses of one body; chosen: 0.06 stop, thrice a shutter's
 SPECTRAL_SIGMA = 0.025
 """Relative error of luminance a unit of blueness from the light of the scale, by cameras', filters' and meters'
 spectra: chosen on rigs of measured sensitivities (`benchmarks.hostile.spectra`, validation seeds)."""

@@ -14,8 +14,7 @@ from processing.errors import PictureFileError
 from processing.ground.arrays import Doubles, Floats, Indices, UInt16s
 
 FULL = 65535.0  # largest code of 16 bits
-PEDESTAL = 512.0
-"""Code of no light, so that noise below black is kept; chosen: 30 standard deviations of a good sensor's."""
+PEDESTAL = 512.0  # code of no light, so that noise below black is kept; chosen: 30 sigma of a good sensor's
 SATURATED = 0.98  # of the file's white level; chosen: wells' gains differ by less
 PILE, PILED = 0.005, 4  # of the top level, to both sides; how many more wells there than in as much below; chosen
 LEAST_PILE, LEAST_WELLS = 1e-4, 100  # of the wells looked at, and in all: fewer are hot ones, or chance; chosen

@@ -131,8 +131,7 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 # Light and uncertainty to as many bits as are known of them: what stages hand on.
 
-LIGHT_BITS = 13
-"""Of a mantissa's 23, kept between stages: 6e-5 relative at most, a fiftieth of the best pixel's uncertainty."""
+LIGHT_BITS = 13  # of a mantissa's 23, kept between stages: 6e-5 relative, a fiftieth of the best pixel's uncertainty
 UNCERTAINTY_BITS = 5  # of a half's 10: an uncertainty to 1.6 % of itself (chosen; nobody knows one so well)
 ESTIMATED_BITS = 10  # 5e-4 of light known to 2 % at best; its uncertainty is rounded upwards, by 3 % at most (chosen)
 _ALL = np.ones(1, bool)

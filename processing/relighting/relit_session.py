@@ -42,10 +42,8 @@ from processing.stages.furnishing import furniture_parts
 from station.session.session import SessionManifest, Side
 from station.session.store import load_manifest
 
-MEASURED = "outdoor picture"
-"""How the stage materials says that the light outdoors was measured, not guessed from inside."""
-MODELLED = 0.15
-"""Relative standard uncertainty of a picture in another light than it was taken in: albedo, windows, shape."""
+MEASURED = "outdoor picture"  # how materials says that the light outdoors was measured, not guessed
+MODELLED = 0.15  # relative standard uncertainty of a picture in another light: albedo, windows, shape
 SKY_MODEL = 0.15  # the same of what a modelled sky sends through a window
 FOLDER = "relight"  # of a session: what relighting makes, and its stored basis
 _WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)

@@ -122,8 +122,7 @@ MOST_TILT_RAD = math.radians(40)
 SEARCH_RAD, FINE_RAD = math.radians(1.2), math.radians(0.5)
 """How far edges of a real room may be off their axis: while searching, and at the end."""
 LONGEST_RAD = math.radians(40)  # an arc counts by its length, up to this
-PAIRS, KEPT, FEWEST = 1500, 8, 12
-"""Pairs drawn for the vertical, candidates that are looked at closely, and fewest arcs."""
+PAIRS, KEPT, FEWEST = 1500, 8, 12  # pairs drawn for the vertical, candidates looked at closely, fewest arcs
 AZIMUTH_STEPS = 120  # 0.75 degrees each; chosen, never swept
 SECTORS = 12  # of 30 degrees, left out in turn (jackknife); chosen, never swept
 APART_RAD = math.radians(1.5)

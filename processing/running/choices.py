@@ -44,8 +44,7 @@ from station.session.store import load_manifest
 FILE, FOLDER, LOCK = "choices.toml", "choices", ".choices.lock"
 HEAD = "# Options saved with this session by daylit's commands; show them with `daylit choices SESSION`.\n"
 SCHEMA = 1  # of the file; a higher one is refused
-COPIED_BYTES = 32 << 20
-"""Up to which a file is copied into the session (chosen: a painted mask of full size has a tenth)."""
+COPIED_BYTES = 32 << 20  # up to which a file is copied into the session (chosen: a painted mask has a tenth)
 NETWORKS = (".onnx", ".tflite")
 """Named where they are: large, of the computer rather than of the session, and often with files beside them."""
 MOST_PAST = 100  # former choices that are kept (chosen)

@@ -96,8 +96,7 @@ ALWAYS = ("schema_version", "session_id", "created_utc", "bracket", "simulated")
 """Fields of the manifest that every stage sees."""
 _BLANK = {"name": "session"}  # required fields that no result depends on
 FOLDER = "folder"
-RELIGHT = "relight"
-"""What `daylit relight` wrote beside the stages: in a row's ``reads``, its summaries and pictures count."""
+RELIGHT = "relight"  # what `daylit relight` wrote: in a row's ``reads``, its summaries and pictures count
 _NO_FIELDS = {FOLDER, RELIGHT}
 
 Json = Any

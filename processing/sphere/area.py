@@ -41,10 +41,8 @@ LARGE_RADIUS_PX, VERY_LARGE_RADIUS_PX = 256, 1024
 RIM_PX, STEEP_RIM_PX = 2, 20
 """Cells this near are integrated along their edges; of orthographic lenses more: Gauss's rule misses 1.5e-3 / n^4."""
 CELLS_AT_ONCE, ROWS = 1 << 18, 64  # for memory, and for threads
-RADII = 1 << 16
-"""Steps of the table of what depends on the radius alone: its lines miss the curves by 4e-7 of their values."""
-CROSSED_SAMPLES = 2048
-"""A cell that the plane's horizon crosses is divided until this many parts would lie across the picture."""
+RADII = 1 << 16  # steps of the table of what depends on the radius alone: its lines miss the curves by 4e-7
+CROSSED_SAMPLES = 2048  # a cell that the plane's horizon crosses is divided until so many parts lie across the picture
 MOST_PARTS = 64  # chosen, for time
 SAMPLES_AT_ONCE = 1 << 18  # for memory
 

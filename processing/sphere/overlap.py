@@ -15,8 +15,7 @@ from processing.ground.kernels import compiled, inner
 CLEAR, CUT, HIDDEN = 0, 1, 2
 """Of a corner: in the plane · moved onto the edge of its field · behind it (cells with such a corner are left out)."""
 FAR = 1e9  # picture coordinates beyond this are as good as hidden, and would overflow an integer
-MOST_BOX_PX = 4.0
-"""Width of a cell in the plane up to which a box may stand for it; chosen: beyond, near a rim, cells bend."""
+MOST_BOX_PX = 4.0  # width of a cell in the plane up to which a box may stand for it; chosen: beyond, cells bend
 
 LEAST_FILLED = 0.5  # of the box's area, that the cell's is: less is a sliver, bent or cut. Chosen.
 

@@ -24,8 +24,7 @@ from processing.sphere.view_maps import CutMap, StitchMap, cut_map, stitch_map
 ViewMethod = Literal["linear", "cubic", "area"]
 
 DEPTHS = (np.uint8, np.uint16, np.float32)
-HALVE_ABOVE = 2.5
-"""Panorama pixels to a view's pixel from which a halved panorama is sampled; linear sampling spans two pixels."""
+HALVE_ABOVE = 2.5  # panorama pixels to a view's pixel from which a halved one is sampled; linear sampling spans two
 
 
 class Panorama:

@@ -14,8 +14,7 @@ from processing.ground.room_model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import FIRST_WALL, Plane, check_stands, in_sight, plane_map
 
-MOST_FINE = 8
-"""Samples across a texel or pixel: finer detail than that is lost to aliasing, which is then below 1 in 64."""
+MOST_FINE = 8  # samples across a texel or pixel: finer detail is lost to aliasing, which is then below 1 in 64
 LEAST_KNOWN = 0.5  # share of a texel's samples that must be known
 FRAME_M = 0.08  # around an opening: its frame belongs to it
 CLEAR = 1e-3  # weight of masked pixels that spoils a sample

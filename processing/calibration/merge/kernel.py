@@ -57,8 +57,7 @@ def _four_floats(*, add: bool) -> Any:
 bytes_at = _pointer(types.uint8, ir.IntType(8))
 """``bytes_at(address)``: for ``numba.carray``; a tuple of arrays would compile anew for every number of frames."""
 floats_at = _pointer(types.float32, ir.FloatType())
-set_four = _four_floats(add=False)
-"""``set_four(target, source)``: copies four float32 from address to address, as one vector."""
+set_four = _four_floats(add=False)  # ``set_four(target, source)``: copies four float32 between addresses, as a vector
 add_four = _four_floats(add=True)
 """``add_four(target, source)``: adds four float32 to what is at ``target``: numba does not find this by itself."""
 

@@ -15,12 +15,10 @@ from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, solid_angles
 from station.session.session import SessionManifest, Side
 
-LEAST_STOPS = 3.0
-"""Chosen: daylight outside is 10 to 1,000 times the luminance of a room; less is no window in daylight."""
+LEAST_STOPS = 3.0  # chosen: daylight outside is 10 to 1,000 times the luminance of a room; less is no window
 LEAST_SHARE = 0.1  # of the largest bright region; chosen: smaller ones are lamps and patches of sunlight
 BINS = 256  # chosen: a tenth of a stop over the widest range
-SAME_CAMERA_UNCERTAINTY = 0.03
-"""Relative, of k2 = 1 between two brackets of one camera; chosen: their curves are estimated apart."""
+SAME_CAMERA_UNCERTAINTY = 0.03  # relative, of k2 = 1 between two brackets of one camera; chosen: two estimated curves
 
 
 def only_the_view(image: RelativeImage) -> tuple[RelativeImage, float]:

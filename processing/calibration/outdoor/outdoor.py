@@ -157,8 +157,7 @@ def _planes(image: P, light: Floats) -> Floats:
     return planes
 
 
-_STEEP = 1.25
-"""Brightest over darkest of nine pixels, beside which overlaps are exact; chosen: a tenth of a percent at most."""
+_STEEP = 1.25  # brightest over darkest of nine pixels, beside which overlaps are exact; chosen: a tenth of a percent
 _AROUND = np.ones((3, 3), np.uint8), np.ones((5, 5), np.uint8)
 _SAME_LX = 1e-4  # relative: by how much boxes may change the illuminance. Chosen.
 

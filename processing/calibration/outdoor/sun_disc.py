@@ -16,8 +16,7 @@ from processing.sphere import Equirectangular, Fisheye, directions
 
 SUN_RADIUS_RAD = math.radians(0.533 / 2)  # mean over the year; it varies by 1.7 %
 SUN_SOLID_ANGLE_SR = 2 * math.pi * (1 - math.cos(SUN_RADIUS_RAD))  # 6.8e-5
-_LEAST_CONTRAST = 50.0
-"""Of a sun, as a disc 0.533 degrees wide, over the median of the sky. Bright cloud edges reach 5 or so."""
+_LEAST_CONTRAST = 50.0  # of a sun, 0.533 degrees wide, over the median of the sky. Bright cloud edges reach 5
 _LEAST_SHARE = 0.5  # of the light within three radii that a sun holds within one
 _WIDEST_SPOT_RAD = math.radians(4)  # across a clipped spot that can be a sun with its glare
 _LEAST_ROUND = 0.4  # chosen

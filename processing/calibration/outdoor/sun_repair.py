@@ -20,8 +20,7 @@ from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
 _GRID = 9  # samples a side of each pixel on the disc
 SUN_RGB = (1.11, 0.99, 0.85)
 """The colour of the sun's disc, Rec. 709 of about 5500 K (CIE daylight): what a clipped pixel does not show."""
-BRIGHTEST_CD_M2 = 2.1e9
-"""Above the atmosphere: no sun is brighter than its disc there (133 klx over 6.8e-5 sr, with margin)."""
+BRIGHTEST_CD_M2 = 2.1e9  # above the atmosphere: no sun is brighter (133 klx over 6.8e-5 sr, with margin)
 
 
 @dataclass(frozen=True)

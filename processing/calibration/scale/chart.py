@@ -26,8 +26,7 @@ from processing.sphere import Equirectangular, Fisheye, Geometry, Perspective, d
 
 MAX_MISMATCH = 0.25  # right charts come to 0.02 .. 0.12; turned by half a circle the same ones to more than 0.5.
 WHITE_WARNING_FRAC = 0.02  # chosen: the patches' own uncertainty
-_MIN_SIGMA = 0.003
-"""Relative, of any patch: paint and angle differ that much between two cameras that stand side by side."""
+_MIN_SIGMA = 0.003  # relative, of any patch: paint and angle differ that much between cameras that stand side by side
 _RED_BY_BLUE = -0.56
 """Log of red over green by that of blue over green (linear Rec. 709): slope of black bodies from 2856 to 6500 K."""
 _HUBER = 1.5  # standard deviations (Huber 1964); chosen

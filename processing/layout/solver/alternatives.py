@@ -36,8 +36,7 @@ VARIATIONS = (
 ANY_PLACE = Rounds(1, 1, noise=0.0, tried=1200, fractions=FIVE)
 """One unit alone: every place, until one leaves all paths open."""
 KINDS_EACH = 3  # kinds of whole states searched for each alternative (chosen: choice among them raises the mean score)
-MOVED_M = 1.0
-"""The main piece moved by so much makes an arrangement different (chosen, as TURNED_RAD: seen at a glance)."""
+MOVED_M = 1.0  # by which the main piece is elsewhere in another arrangement (chosen, as TURNED_RAD: seen at a glance)
 TURNED_RAD = 0.6  # chosen: 34 degrees are seen at a glance
 APART_WORTH = 0.1
 """What an alternative gains whose whole footprint stands elsewhere than in any before it (chosen: of three in 14 of the

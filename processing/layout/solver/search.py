@@ -33,8 +33,7 @@ from processing.layout.solver.places import (
 from processing.layout.solver.units import Unit, loss_of
 from processing.layout.solver.walk_grid import TOUCH_M, Grid, Walk, connected, copy_rows, packed, stamp
 
-DROPPED = 1000.0
-"""Taken off the score for what is left out, times its loss (`units.loss_of`): more than any place gains."""
+DROPPED = 1000.0  # taken off the score for what is left out, times its loss (`units.loss_of`): more than a place gains
 ENDS, THREE, FIVE = np.array([0.0, 1.0]), np.linspace(0.0, 1.0, 3), np.linspace(0.0, 1.0, 5)
 """Fractions of a free interval at which places are tried."""
 EVERY_PLACE = np.linspace(0.0, 1.0, 13)

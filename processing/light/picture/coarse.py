@@ -16,15 +16,13 @@ from processing.ground.kernels import compiled, inlined
 from processing.light.solver.kernels import FURNITURE
 from processing.light.solver.stage import Stage
 
-CAP_RAD = 0.03
-"""Furniture's triangles that look larger than such a cap are divided; chosen: caps then fit their outline well."""
+CAP_RAD = 0.03  # furniture's triangles that look larger are divided; chosen: caps then fit their outline well
 EVEN = np.float32(0.02)
 """Relative: by how much the change of light may differ among a block's corners. Chosen: between them a straight line
 then misses it by 0.1 % at most (p99)."""
 LEAST_CHANGE = np.float32(0.004)
 """Relative: a smaller change of light is within the noise, and the photograph's pixel is kept as it is."""
-MOST_MIRRORED = np.float32(0.5)
-"""Of a floor's pixel that is taken to be mirrored light."""
+MOST_MIRRORED = np.float32(0.5)  # of a floor's pixel that is taken to be mirrored light
 
 
 def furniture_blocks(stage: Stage, shape: tuple[int, int], step: int, eye_m: Vector) -> Flags:

@@ -148,8 +148,7 @@ HIGHEST_RAD = math.radians(30)
 """Above which nothing is looked for: a tree seen as high from outdoors shades windows, and is left as it is."""
 STEP = 0.3  # of log luminance or of log colour, from one row to the next below: within a degree the sky changes less
 MEMORY = 0.7  # of the sky so far, when the next row of it is taken in
-COMES_BACK = 4
-"""Rows of 0.7 degrees that look like the sky above: what was above them is no land; through a tree fewer show."""
+COMES_BACK = 4  # rows of 0.7 degrees like the sky above: what was above them is no land; through a tree fewer show
 WHITE = 0.9  # albedo above which no ground is; chosen, never swept
 
 

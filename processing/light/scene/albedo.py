@@ -37,8 +37,7 @@ from processing.surfaces.textures import Texture, unwrap
 
 LEAST_ALBEDO, MOST_ALBEDO = 0.02, 0.95  # of real surfaces: soot 0.02 to 0.04, fresh white paint 0.9
 DARK_SHARE = 0.01  # of the median irradiance, below which albedo is not measured
-HALF_SHADOW = 0.35
-"""Of log albedo from its surface's: a pixel near the sun's patch that fits neither sun nor shade is left out."""
+HALF_SHADOW = 0.35  # of log albedo from its surface's: a pixel near the sun's patch that fits neither is left out
 PX_PER_M = 50.0  # texels of 2 cm; chosen, never swept
 DARK = np.zeros((32, 64, 3), np.float32)
 DARK.setflags(write=False)

@@ -314,8 +314,7 @@ def _check_emission(where: str, values: npt.NDArray[np.floating]) -> None:
 # Doors and passages stay part of their wall: their look is in the wall's texture, and what light comes through a
 # passage counts as if the wall there reflected it.
 
-REVEAL_M = 0.2
-"""Depth of a window's niche where nobody knows it: a common outer wall with the glass near its outer face."""
+REVEAL_M = 0.2  # depth of a window's niche where nobody knows it: an outer wall with the glass near its outer face
 UP = np.array([0.0, 0.0, 1.0])
 
 

@@ -61,8 +61,7 @@ SUN_SURE = (0.75, 1.75)
 STRENGTHS = np.exp2(np.arange(0, 6.01, 0.125))
 """Times what a clipped picture shows of its windows, that are tried: to six stops, a sunlit lawn behind a dim room."""
 LEAST_PATCHES = 12  # of a surface, fewer of which say nothing of how even it is; chosen
-AS_GOOD = 0.1
-"""By which an unevenness may exceed the least and be as good; chosen by coverage: docs/measurements/emptying.md."""
+AS_GOOD = 0.1  # by which an unevenness may exceed the least; chosen by coverage: docs/measurements/emptying.md
 DIM = 0.4
 """Mean albedo of a room's surfaces, half of which is as unlikely as that: with windows too strong, all of it is black
 (chosen: nine rooms have 0.21 to 0.97)."""

@@ -37,8 +37,7 @@ SURE, SKIN = 0.15, 0.05
 """Of an estimated distance: so much nearer nothing stands, so much farther something does (fitted to two rooms)."""
 LEAST_FOOT_M = 0.25  # nearer to the camera stands its own tripod
 LEAST_PIXELS = 4  # of a mask's piece; chosen, less is noise
-USUAL_ALBEDO = (0.35, 0.35, 0.35)
-"""Before it is measured: the mean of the furniture of simulated rooms (training seeds)."""
+USUAL_ALBEDO = (0.35, 0.35, 0.35)  # before it is measured: the mean of simulated rooms (training seeds)
 
 
 class _Grid(NamedTuple):

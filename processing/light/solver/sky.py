@@ -19,8 +19,7 @@ from processing.light.solver.stage import Stage, in_parts
 from processing.sphere import Equirectangular
 from processing.sphere.resampling import resample
 
-SKY_ROWS = 128
-"""The stored sky's cells are 1.4 degrees wide; rays meet them at random, so that this blurs and does not bias."""
+SKY_ROWS = 128  # the stored sky's cells are 1.4 degrees wide; rays meet them at random: that blurs, and has no bias
 SKY_CELLS = 2 * SKY_ROWS * SKY_ROWS
 
 

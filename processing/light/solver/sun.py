@@ -22,8 +22,7 @@ RIM_RAYS, RIM_AREA = 12, 0.98
 BLOCK_RAD, MOST_STEP = 0.004, 8
 """Width of a block: 1 cm at 2.5 m, thinner than what shades a room; in pixels at most ``MOST_STEP``. Chosen."""
 ALONG = 0.7  # of a row or a column, from which on what is covered runs along it
-BAR_M = 0.12
-"""As wide as a bar in the middle of a window may be; what is wider and does not hang from its top is outdoors."""
+BAR_M = 0.12  # as wide as a bar in mid-window may be; what is wider and does not hang from its top is outdoors
 DRAWN = 0.85  # of what is seen before the sky: covered as much, all of it is a drawn blind or curtain
 
 

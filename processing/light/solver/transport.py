@@ -22,8 +22,7 @@ from processing.light.solver.sun import sunlight
 from processing.pictures.images import LUMINANCE_WEIGHTS
 
 MOST_BOUNCES = 3000  # only ends what never settles (albedo 0.9 is settled after 110); chosen, never swept
-SETTLED = 1e-5
-"""Of all light: how much may still be to come when bounces end; chosen, far below the noise of any effort."""
+SETTLED = 1e-5  # of all light: what may still come when bounces end; chosen, far below the noise of any effort
 SKY_SHARE, SUN_SHARE, SHOT_SHARE = 0.25, 0.25, 0.25
 """Of the rays spent on bounces: to each pane, to the sun, to what it lights. Chosen (benchmark render)."""
 GOALS = 8192  # places on bright patches that shots are aimed at; chosen: more change no error (benchmark render)
