@@ -6,6 +6,7 @@ pixel by pixel is furniture, sunlight, and where one surface ends.
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -14,13 +15,13 @@ from processing.ground.arrays import Flags, Floats, Indices, Int32s, Vector, ban
 from processing.ground.kernels import compiled, inlined
 from processing.ground.threads import side_by_side
 from processing.light.picture.coarse import Band, Nodes, add_mirrored, fill_plain, furniture_blocks, much
-from processing.light.picture.edges import MOST_GAIN, smooth_edges
+from processing.light.picture.edges import MOST_GAIN, Lens, crossed_pixels, smooth_edges
 from processing.light.picture.highlights import FEW_RAYS, Mirrors, furniture_highlights, matte_share
 from processing.light.picture.render import ROWS_AT_ONCE_PX
 from processing.light.solver.irradiance import Effort, Irradiance, gathered
 from processing.light.solver.sight import FIRST_PART, NOTHING, Sight, albedo_of, emission_of, sight_along
 from processing.light.solver.stage import Stage
-from processing.light.solver.sun import block_px, sun_of
+from processing.light.solver.sun import RIM_RAYS, block_px, sun_of
 from processing.light.solver.transport import LightMap
 from processing.light.solver.upsample import Places, upsampled
 from processing.pictures.images import LUMINANCE_WEIGHTS
@@ -69,7 +70,10 @@ def in_bands(change: Change, photograph: Floats, sunless: np.ndarray | None) -> 
     """Return the picture (H, W, 3), where furniture is seen, and which pixels are kept."""
     high, wide = photograph.shape[:2]
     step = block_px(math.pi / high)
-    job = _Job(change, photograph, sunless, furniture_blocks(change.full, (high, wide), step, change.eye_m), step)
+    near = furniture_blocks(change.full, (high, wide), step, change.eye_m)
+    crossed = crossed_pixels(change.full, (high, wide), change.eye_m)
+    lens = Lens(change.full, change.eye_m, crossed, partial(_of, change))
+    job = _Job(change, photograph, sunless, near, step, lens)
     rgb, furniture, kept = np.empty_like(photograph), np.zeros((high, wide), bool), np.ones((high, wide), bool)
 
     def work(rows: slice) -> None:
@@ -93,6 +97,7 @@ class _Job:
     """(blocks): where furniture may be seen."""
     step: int
     """Pixels a block."""
+    lens: Lens
 
 
 def _band(job: _Job, rows: slice) -> tuple[Floats, np.ndarray, np.ndarray]:
@@ -112,7 +117,7 @@ def _band(job: _Job, rows: slice) -> tuple[Floats, np.ndarray, np.ndarray]:
     else:
         band.todo[inner] = True
     seen = _looked_at(job, top, photo, band)
-    smooth = smooth_edges(job.change.full, seen, top, high, job.change.eye_m, photo, band.shown)[inner]
+    smooth = smooth_edges(job.lens, seen, top, photo, band.shown)[inner]
     kept = band.kept[inner] & _all_three(smooth == photo[inner])
     return smooth, (seen.label >= FIRST_PART).reshape(seen.shape)[inner], kept
 
@@ -163,24 +168,55 @@ def _looked_at(job: _Job, top: int, photo: Floats, band: Band) -> Sight:
     whole = _spread(sight, index, band.todo.shape)
     if not len(index):
         return whole
+    sun, rays = _sunlight(change, whole, index, change.seed + top, high), (change.effort.pixel_samples, FEW_RAYS)
+    lit, mirror = _lit(change, sight, places, sun, rays)
+    sunless = None if job.sunless is None else job.sunless[top : top + len(photo)].ravel()[index]
+    _shade(change, (sight, lit, mirror, sunless), index, photo, band, high)
+    return whole
+
+
+class _Lit(NamedTuple):
+    """Irradiance (K, 3) of pixels without and with furniture, the sun's own apart."""
+
+    old: Floats
+    new: Floats
+    old_sun: Floats
+    new_sun: Floats
+
+
+def _of(change: Change, sight: Sight, places: Places) -> Floats:
+    """Return the radiance (N, 3) of furniture along rays, several of a pixel: each has a share of its own rays."""
+    shown, rays = np.zeros((1, len(sight.label), 3), np.float32), (1 + change.effort.pixel_samples // 4, FEW_RAYS // 4)
+    sun = sun_of(change.full, sight, RIM_RAYS, change.seed + int(places.row[0]), None, 1)
+    lit, mirror = _lit(change, sight, places, (sun, sun), rays)
+    band = Band(shown, *np.zeros((2, *shown.shape[:2]), bool))
+    _shade(change, (sight, lit, mirror, None), np.arange(len(sun)), shown, band, places.high)
+    return np.asarray(shown[0])
+
+
+def _lit(
+    change: Change, sight: Sight, places: Places, sun: tuple[Floats, Floats], rays: tuple[int, int]
+) -> tuple[_Lit, Floats]:
+    """Return the light of pixels (K), in ``sun`` without and with furniture, and what they mirror (K, 9 or 0).
+
+    ``rays``: from what no small pixel shows, for its light and for what it mirrors.
+    """
     light, missed, mirror, unmirrored = _upsampled(change, sight, places)
-    seed, furniture = change.seed + top, sight.label >= FIRST_PART
-    lit = _Lit(light[:, :3], light[:, 3:], *_sunlight(change, whole, index, seed, high))
+    seed, furniture = change.seed + int(places.row[0]), sight.label >= FIRST_PART
+    lit = _Lit(light[:, :3], light[:, 3:], *sun)
     alone = np.flatnonzero(missed & sight.solid)
     alone = alone[np.argsort(furniture[alone], kind="stable")]  # the room's first: they meet the same chance in both
     pairs = (change.bare, alone[~furniture[alone]], lit.old), (change.full, alone, lit.new)
     for (stage, mine, light), known in zip(pairs, change.lights, strict=True):
         if len(mine):
-            where = sight.point[mine], sight.normal[mine], 2 * change.effort.pixel_samples, seed
+            where = sight.point[mine], sight.normal[mine], rays[0], seed
             light[mine] = gathered(stage, known, *where)
             _even_out(sight, mine, light)
     if change.mirrors is not None:
         chosen = np.flatnonzero(furniture & (unmirrored | np.isin(sight.label, change.mirrors.glasses)))
         seen = sight.some(chosen), lit.new_sun[chosen]
-        mirror[chosen, 6:9] = furniture_highlights(change.mirrors.around, *seen, FEW_RAYS, (seed, 92), 0.0)
-    sunless = None if job.sunless is None else job.sunless[top : top + len(photo)].ravel()[index]
-    _shade(job, (sight, lit, mirror, sunless), index, photo, band)
-    return whole
+        mirror[chosen, 6:9] = furniture_highlights(change.mirrors.around, *seen, rays[1], (seed, 92), 0.0)
+    return lit, mirror
 
 
 def _even_out(sight: Sight, pixels: Indices, light: Floats) -> None:
@@ -227,20 +263,13 @@ def _all_three(flags: Flags) -> Flags:
     return flags[..., 0] & flags[..., 1] & flags[..., 2]
 
 
-class _Lit(NamedTuple):
-    """Irradiance (K, 3) of pixels without and with furniture, the sun's own apart."""
-
-    old: Floats
-    new: Floats
-    old_sun: Floats
-    new_sun: Floats
-
-
-def _shade(job: _Job, seen: tuple[Sight, _Lit, Floats, Flags | None], mine: Indices, photo: Floats, band: Band) -> None:
+def _shade(
+    change: Change, seen: tuple[Sight, _Lit, Floats, Flags | None], mine: Indices, photo: Floats, band: Band, high: int
+) -> None:
     """Fill pixels of the band that were looked at."""
     sight, lit, mirror, sunless = seen
-    full = job.change.full
-    albedo, emission = albedo_of(full, sight, math.pi / len(job.photograph)), emission_of(full, sight)
+    full = change.full
+    albedo, emission = albedo_of(full, sight, math.pi / high), emission_of(full, sight)
     matte = matte_share(full, sight)[:, 0]
     empty = np.zeros(len(mine), bool) if sunless is None else sunless
     given = _Given(mine, sight.label, *lit, albedo, emission, matte, mirror, empty)

@@ -158,7 +158,8 @@ def furniture_highlights(
         if part.material.texture is not None:
             colour = colour * cv2.mean(part.material.texture)[:3]
         tint = np.asarray(HEAD_ON * (1 - part.material.metallic) + colour * part.material.metallic)
-        out[mine] = mirrored_light(around, sight, mine, width, tint, samples, (*key, number))[0]
+        own = (*key, number) if least_width else ()  # single pixels draw alike: a rod of brass was strung with beads
+        out[mine] = mirrored_light(around, sight, mine, width, tint, samples, own)[0]
         if outdoors is not None:
             lit = mine[sun[mine].any(axis=1)]
             out[lit] += _sun_glint(sight, lit, sun[lit], np.asarray(outdoors.direction), max(width, LEAST_WIDTH), tint)
@@ -170,8 +171,11 @@ def furniture_highlights(
 def mirrored_light(
     around: Surroundings, sight: Sight, pixels: np.ndarray, width: float, head_on: Doubles, samples: int, key: Key
 ) -> tuple[Floats, np.ndarray]:
-    """Return what pixels (K,) mirror (K, 3), and the share (K,) of it that comes from furniture (by count of rays)."""
-    shift = random(key, len(sight.label), 2)[pixels]
+    """Return what pixels (K,) mirror (K, 3), and the share (K,) of it that comes from furniture (by count of rays).
+
+    ``key``: of chance; none: all pixels draw alike.
+    """
+    shift = random(key, len(sight.label), 2)[pixels] if key else np.zeros((len(pixels), 2))
     out = np.empty((len(pixels), 3), np.float32)
     share = np.empty(len(pixels))
     for part in in_parts(len(pixels), 2 * samples):
@@ -263,8 +267,7 @@ FLOOR_BLUR_PX = 1.5
 """About the width of a varnished floor's mirror images at `MOST_ROWS` rows; it takes the noise of few rays away too."""
 MOST_GAIN = 4.0  # two stops; chosen, never swept
 GAIN_BLUR = 1.5  # patches; chosen by looking
-FURNITURE_RAYS, FLOOR_RAYS, FEW_RAYS = 48, 24, 12
-"""From each small pixel; of what no small pixel sees, from each large one."""
+FURNITURE_RAYS, FLOOR_RAYS, FEW_RAYS = 48, 24, 16  # from each small pixel; of what none sees, from a large one
 
 
 @dataclass(frozen=True)
@@ -325,7 +328,7 @@ def mirrors_of(
     picture = found.reshape(*sight.shape, 3)
     if clean:
         picture = _cleaned(picture, sight)
-    glasses = [FIRST_PART + k for k, part in enumerate(full.scene.parts) if is_looking_glass(part.material)]
+    glasses = [FIRST_PART + k for k, part in enumerate(full.scene.parts) if part.material.metallic > 0.5]
     return Mirrors(sight, replace(after, photograph=photo), picture, old, new, tuple(floors), tuple(glasses))
 
 

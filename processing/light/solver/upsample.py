@@ -16,9 +16,11 @@ from processing.sphere import Equirectangular, pixels
 
 REACH_PX = 3  # how far a large pixel looks for small ones of its own surface
 MOST = 4  # small pixels that a large one is made of
+ALIKE = 0.9, 0.7
+"""Cosine between normals from which a small pixel says something of a large one: where what none shows is looked at
+itself, and where any will do. By 0.7 everywhere bevels and grooves took turns in their own light and their face's."""
 RADIUS_PX = 3  # of the neighbours over which irradiance is smoothed; chosen (benchmark relight)
-NEARNESS = 0.2
-"""Of the harmonic mean distance of what a place sees: over this much of it, irradiance hardly changes (Ward 1988)."""
+NEARNESS = 0.2  # of the harmonic mean distance of what a place sees: over it, irradiance hardly changes (Ward 1988)
 
 
 class _Seen(NamedTuple):
@@ -113,7 +115,7 @@ def _apply(values, index, weight, out):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _likeness(small, r, c, large, i) -> float:  # type: ignore[no-untyped-def]
+def _likeness(small, r, c, large, i, least) -> float:  # type: ignore[no-untyped-def]
     """Return how much small pixel (r, c) says of large pixel i: 0 for another surface, less the more they are turned.
 
     Numbers one by one, no slices: a view of an array costs as much as all the rest.
@@ -126,7 +128,7 @@ def _likeness(small, r, c, large, i) -> float:  # type: ignore[no-untyped-def]
         step = small.point[r, c, k] - large.point[i, k]
         lift += step * large.normal[i, k]
         far2 += step * step
-    if turned < 0.7 or abs(lift) > 0.01 + 0.3 * math.sqrt(far2):
+    if turned < least or abs(lift) > 0.01 + 0.3 * math.sqrt(far2):
         return 0.0
     turned *= turned
     turned *= turned
@@ -148,7 +150,7 @@ def _keep(index, weight, i, at, share):  # type: ignore[no-untyped-def]
 @inlined
 def _around(seen, i, place, attempt, wraps, index, weight):  # type: ignore[no-untyped-def]
     """Keep the best small pixels about ``place`` (y, x); ``attempt`` 0: the four around, 1: wider, 2: any solid one."""
-    (small, large), (y, x) = seen, place
+    (small, large, least), (y, x) = seen, place
     rows, columns = small.label.shape
     top, left = math.floor(y), math.floor(x)
     low, high = (1 - REACH_PX, 1 + REACH_PX) if attempt > 0 else (0, 2)
@@ -161,7 +163,7 @@ def _around(seen, i, place, attempt, wraps, index, weight):  # type: ignore[no-u
                     continue
                 c = column % columns
             if attempt < 2:
-                share = _likeness(small, r, c, large, i)
+                share = _likeness(small, r, c, large, i, least)
             else:
                 share = 1.0 if small.label[r, c] >= 0 else 0.0
             if share == 0.0:
@@ -178,6 +180,7 @@ def _around(seen, i, place, attempt, wraps, index, weight):  # type: ignore[no-u
 @compiled
 def _find(small, large, places, attempts, wraps, wanted, index, weight):  # type: ignore[no-untyped-def]
     """Fill the steps of all wanted pixels."""
+    least = ALIKE[1] if attempts == 3 else ALIKE[0]
     down, across = small.label.shape[0] / places.high, small.label.shape[1] / places.wide
     for i in range(large.label.shape[0]):
         if not wanted[i]:
@@ -185,7 +188,7 @@ def _find(small, large, places, attempts, wraps, wanted, index, weight):  # type
         y, x = (places.row[i] + 0.5) * down - 0.5, (places.column[i] + 0.5) * across - 0.5
         total = np.float32(0)
         for attempt in range(attempts):
-            _around((small, large), i, (y, x), attempt, wraps, index, weight)
+            _around((small, large, least), i, (y, x), attempt, wraps, index, weight)
             for k in range(weight.shape[1]):
                 total += weight[i, k]
             if total > 0:

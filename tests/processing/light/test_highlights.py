@@ -12,8 +12,8 @@ import pytest
 from processing.errors import SceneError
 from processing.light.picture import highlights
 from processing.light.picture.composite import differential
-from processing.light.picture.edges import edge_pixels
-from processing.light.picture.highlights import _sun_glint, facet_rays, is_glossy
+from processing.light.picture.edges import NONE_MM, crossed_pixels, edge_pixels
+from processing.light.picture.highlights import Surroundings, _sun_glint, facet_rays, is_glossy, mirrored_light
 from processing.light.scene.scene import Material, Part, Scene, plain
 from processing.light.scene.sources import find_lamps
 from processing.light.solver.irradiance import Effort
@@ -163,13 +163,73 @@ def test_a_parts_texture_is_smooth_between_texels_and_goes_on_where_it_repeats()
 def test_edges_are_where_furniture_ends() -> None:
     stage = Stage.of(scene_of(box_room(), uniform_sky(100.0), 0.5).furnished((box((0, 1.2, 0.5), (1, 1, 1)),)))
     sight = sight_of(stage, Equirectangular(128, 64), EYE)
-    edge = edge_pixels(sight)
+    edge = edge_pixels(sight, crossed_pixels(stage, (64, 128), EYE))
     furniture = (sight.label >= FIRST_PART).reshape(64, 128)
     assert 0 < edge.sum() < 0.7 * furniture.sum()
     # Nothing of the room alone is an edge.
     near = furniture | np.roll(furniture, 1, 0) | np.roll(furniture, -1, 0)
     near |= np.roll(furniture, 1, 1) | np.roll(furniture, -1, 1)
     assert not edge[~near].any()
+
+
+def test_what_is_thinner_than_a_pixel_is_drawn_throughout() -> None:
+    """Nothing of a rod is seen by any pixel's middle: it was not there, and askew it was in dashes."""
+    effort = Effort(texel_m=0.5, patch_samples=16, rows=32, pixel_samples=16, sun_samples=16, clean=False)
+    room = scene_of(box_room(window=None), uniform_sky(0.0), 0.5)
+    room = replace(
+        room, surfaces=(room.surfaces[0], replace(room.surfaces[1], emission_cd_m2=plain(100.0)), *room.surfaces[2:])
+    )
+    photograph = np.full((128, 256, 3), 100.0, np.float32)
+    rod = box((0.0, 1.5, 1.5), (0.012, 0.012, 1.0), (0.02, 0.02, 0.02))  # half a pixel wide, between two columns
+    sight = sight_of(Stage.of(room.furnished((rod,))), Equirectangular(256, 128), EYE)
+    assert not (sight.label >= FIRST_PART).any()
+    staged = differential(photograph, room, (rod,), EYE, effort=effort).rgb[..., 0]
+    beside, seen = staged[54:74, 120:124].mean(axis=1), staged[54:74, 127:129].mean(axis=1)
+    assert (seen < 0.9 * beside).all()
+    assert np.ptp(seen) < 4, "as dark all along"
+
+
+def test_edges_of_a_mesh_are_its_rims_and_creases_whatever_its_corners_are_shared_by() -> None:
+    shape, part = (256, 512), box((0, 1.5, 1.4), (1, 1, 1))
+    room = scene_of(box_room(window=None), uniform_sky(0.0), 0.5)
+    whole, apart = (
+        crossed_pixels(Stage.of(room.furnished((one,))), shape, EYE)
+        for one in (
+            part,
+            replace(
+                part,
+                vertices_m=part.vertices_m[part.faces].reshape(-1, 3),
+                faces=np.arange(36, dtype=np.int32).reshape(-1, 3),
+            ),
+        )
+    )
+    assert np.array_equal(whole, apart)
+    sight = sight_of(Stage.of(room.furnished((part,))), Equirectangular(512, 256), EYE)
+    front = (sight.normal[:, 1] < -0.99).reshape(shape) & (sight.label == FIRST_PART).reshape(shape)
+    columns = np.flatnonzero(front.any(axis=0))[3:-3]
+    for column in columns:
+        rows = np.flatnonzero(front[:, column])
+        assert (whole[rows[3:-3], column] == NONE_MM).all(), "the seam of two triangles in one plane is no edge"
+        assert all((whole[end - 1 : end + 2, column] < NONE_MM).any() for end in rows[[0, -1]])
+    assert int(whole.min()) == pytest.approx(1000 * np.hypot(1, 0.3), abs=3)
+
+
+def test_single_pixels_of_one_face_mirror_alike() -> None:
+    """Each by rays of its own made beads of a rod of brass."""
+    room = scene_of(box_room(), uniform_sky(1000.0), 0.5)
+    stage = Stage.of(room.furnished((box((0, 1.5, 1.4), (1, 0.02, 1), (1, 1, 1), metallic=1.0, roughness=0.3),)), 0.5)
+    sight = sight_of(stage, Equirectangular(64, 32), EYE)
+    pixel = int(np.flatnonzero(sight.label == FIRST_PART)[0])
+    from processing.light.solver.transport import light_map
+
+    seen = sight.some(np.full(40, pixel))
+    around = Surroundings(
+        stage, light_map(stage, 16), np.full((32, 64, 3), 50, np.float32), sight, np.ones((stage.patches.count, 3)), EYE
+    )
+    alike, apart = (mirrored_light(around, seen, np.arange(40), 0.1, np.ones(3), 12, key)[0] for key in ((), (0, 1)))
+    assert np.ptp(alike[:, 0]) == 0
+    assert np.ptp(apart[:, 0]) > 0
+    assert alike[0, 0] == pytest.approx(apart[:, 0].mean(), rel=0.2)
 
 
 @pytest.mark.parametrize("window", [None, (1.5, 3.5, 0.8, 2.3)])

@@ -26,7 +26,7 @@ from processing.light.solver.irradiance import (
 )
 from processing.light.solver.sight import FIRST_PART, sight_of
 from processing.light.solver.stage import Stage, area_means
-from processing.light.solver.upsample import Places, upsampled
+from processing.light.solver.upsample import Places, Steps, upsampled
 from processing.sphere import Equirectangular, directions, solid_angles
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
@@ -39,6 +39,21 @@ def test_each_surface_keeps_its_own_light_however_near_the_edge() -> None:
     right = large.solid & ~missed
     assert missed[large.solid].mean() < 0.01
     assert found[right, 0] == pytest.approx(large.label[right])
+
+
+def test_a_bevel_has_no_light_of_its_face_unless_any_will_do() -> None:
+    """A bevel of 45 degrees took turns in its own light and its face's, and was in dashes."""
+    stage = Stage.of(scene_of(box_room(), uniform_sky(), 0.5).furnished((box((0, 1.5, 1.4), (1, 1, 1)),)), 1.0)
+    small = sight_of(stage, Equirectangular(64, 32), EYE)
+    face = np.flatnonzero((small.label == FIRST_PART) & (small.normal[:, 1] < -0.99))
+    turned = small.normal.copy()
+    turned[face] = np.float32([0, -1, 1]) / np.sqrt(np.float32(2))
+    bevel, values = replace(small, normal=turned), np.ones((*small.shape, 3), np.float32)
+    wanted = np.isin(np.arange(len(small.label)), face)
+    assert upsampled(values, small, bevel, wraps=True, among=wanted)[1][face].all()
+    assert not upsampled(values, small, small, wraps=True, among=wanted)[1].any()
+    steps = Steps.of(small, bevel, wanted, Places.whole(small.shape), wraps=True, any_solid=True)
+    assert (steps.apply(values)[face] > 0.99).all()
 
 
 def test_a_change_of_light_is_evened_out_along_surfaces_and_keeps_its_edges() -> None:
