@@ -123,13 +123,14 @@ def hanging(
     flat, foot_flat = width_m / 2 - FOLD_M - 0.5 * thick_m, length_m
     reach = np.pi / 2 * FOLD_M + max(drop_m - FOLD_M, 0.0)
     foot_reach = np.pi / 2 * FOLD_M + max(foot_drop_m - FOLD_M, 0.0)
-    far = length_m
+    far, rows = length_m, np.linspace(0, 1, n + 1)
     if foot_drop_m > 0:
         foot_flat -= FOLD_M + 0.5 * thick_m
         far = foot_flat + foot_reach
+        rows = np.interp(rows, (0, 0.6, 0.85, 1), np.array((0, foot_flat, foot_flat + np.pi / 2 * FOLD_M, far)) / far)
     even = np.linspace(-1, 1, m + 1)
     s = (flat + reach) * np.sign(even) * (1 - (1 - np.abs(even)) ** 1.25)  # a little denser towards the ends
-    gs, gt = np.meshgrid(s, far * np.linspace(0, 1, n + 1), indexing="ij")
+    gs, gt = np.meshgrid(s, far * rows, indexing="ij")
     # Round a corner of the bed both edges are turned down at once, and the hem stays level.
     aside, beyond = np.maximum(np.abs(gs) - flat, 0) / reach, np.maximum(gt - foot_flat, 0) / foot_reach
     turn = np.arctan2(beyond, aside)

@@ -17,6 +17,7 @@ from processing.layout.arrangement import PlacedItem
 from processing.layout.furniture.bench import STYLES
 from processing.layout.furniture.builtin import BUILT_IN, build_model, design_of
 from processing.layout.furniture.model import FurnitureModel, Material, bounds, noise, wood
+from processing.layout.furniture.soft import hanging
 from processing.layout.furniture.solids import signed_volume_m3
 from processing.layout.items import KINDS, ItemSpec, parse_items
 from processing.layout.models.catalogue import Catalogue, write_model
@@ -72,6 +73,34 @@ def assert_closed(vertices: np.ndarray, faces: np.ndarray, name: str) -> None:
 @pytest.mark.parametrize("design", BUILT_IN["books"].designs)
 def test_a_high_pile_of_thin_books_is_of_books_to_its_top(design: str) -> None:
     assert_sound(build_model("books", STYLES[0], BUILT_IN["books"].largest_m, design))
+
+
+def test_a_bed_cover_turns_down_round_and_hides_the_mattress_at_its_foot() -> None:
+    """It was creased, and the mattress came through: bands of white, as of sheets that one sees through."""
+    cover = hanging(1.4, 1.6, 0.21, 0.045, foot_drop_m=0.2, cells=(40, 36))
+    corners = cover.vertices[cover.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    outer = (np.abs(corners[:, :, 0]).max(axis=1) < 0.3) & (normal @ (0, 0.7, 0.7) > 0.4)
+    rises = np.degrees(np.arctan2(normal[outer, 2], normal[outer, 1]))
+    assert np.histogram(rises, np.arange(5, 90, 10))[0].min() >= 4, "it faces every way between ahead and up"
+    for style in STYLES:
+        deep, high = 2.1, 0.95
+        model = build_model("bed", style, (1.6, deep, high), design_of("bed", style))
+        x, y, z = np.concatenate([part.vertices for part in model.parts]).T
+        top = min(0.33, 0.45 * high)
+        for left in np.arange(-0.5, 0.5, 0.1):
+            foot = y[(x > left) & (x < left + 0.1) & (z > top + 0.03) & (z < top + 0.15)]
+            assert deep / 2 > foot.max() > deep / 2 - 0.05, "cloth is beyond the mattress, and within the bed"
+
+
+def test_no_dark_ground_shows_at_the_sides_of_slatted_doors() -> None:
+    for category in ("wardrobe", "chest"):
+        design = "slatted" if category == "wardrobe" else "sideboard"
+        model = build_model(category, STYLES[1], None, design)
+        dark = [part.vertices for part in model.parts if "dark" in part.material.name]
+        assert dark, [part.material.name for part in model.parts]
+        assert np.abs(np.concatenate(dark)[:, 0]).max() < model.size_m[0] / 2 - 0.005
 
 
 @pytest.mark.sweep
