@@ -24,10 +24,8 @@ from processing.ground.threads import side_by_side
 
 BRADFORD = ((0.8951, 0.2664, -0.1614), (-0.7502, 1.7135, 0.0367), (0.0389, -0.0685, 1.0296))
 """CIE XYZ to cone responses (Lam 1985), as ICC profiles use it."""
-SPOT_RAD = math.radians(0.7)
-"""Of the white board that is averaged for its colour: the smallest board is twice as wide. Chosen."""
-MOST_GAIN = 3.0
-"""Of red or blue over green: light farther from white is no light of a room. Chosen: a candle's is 2.6."""
+SPOT_RAD = math.radians(0.7)  # of the white board, averaged for its colour: the smallest is twice as wide. Chosen
+MOST_GAIN = 3.0  # of red or blue over green: light farther from white is no light of a room. Chosen: a candle's is 2.6.
 OVERHEAD_RAD = math.radians(50)
 """Latitude above which a panorama shows the ceiling. Chosen: of a room 2.4 m high, what is within 0.7 m."""
 CEILING_STOPS, CEILING_SHARE = 0.8, 0.8
@@ -38,24 +36,25 @@ CALM, CALM_SPREAD = 0.6, 0.2
 """Share of its distance from grey that is taken from what is nearly grey; spread of its channels over the luminance, at
 which half of that is taken. White paint is lit by sky, lawn and floor at once, and one white corrects for one of them.
 Chosen on 16 rooms of validation seeds (docs/measurements/render.md)."""
-BRIGHT_SHARE, BRIGHT_LEVEL = 0.75, 0.57
+BRIGHT_SHARE, BRIGHT_LEVEL = 0.75, 0.52
 """Three quarters of the room, windows apart, are darker than this level of the film: light walls are then light, and
 not white. Chosen by looking at simulated and real rooms."""
 VIEW_SHARE, VIEW_LEVEL = 0.8, 0.9  # the same of what is seen through panes
 MOST_PULL_STOPS = 6.0  # a photographer's darkest exposure under the room's. Chosen.
 LEAST_VIEW = 0.9  # of the film, from which something in a pane is the view: not the room's light walls. Chosen.
-VIEW_GREEN = 1.25
-"""Green over red from which something in a pane is the view however dark: leaves in the shade. Chosen by looking."""
+VIEW_GREEN = 1.25  # green over red from which something in a pane is the view however dark: shaded leaves. By looking
 DAYLIGHT_SHARE = 0.65  # of the camera's own white in that of the view. Chosen by looking: 1 turns window frames yellow.
-HIGHLIGHT_STOPS, HIGHLIGHT_EPS = 1.5, 0.2
+HIGHLIGHT_STOPS, HIGHLIGHT_EPS = 0.8, 0.2
 """Of a large highlight the most above 1, and the strength of its edges (squared stops). Chosen by looking."""
 KNEE = 0.55  # of the film: below, light is shown in proportion. Chosen by looking.
-PLATEAU = 0.28
-"""Under which nothing within the view is lowered, so that reveals and shadows out there do not turn black. Chosen."""
+PLATEAU = 0.28  # under which nothing within the view is lowered, so that shadows out there do not turn black. Chosen
 _NORM = 6.0  # of the mean of neutral surfaces: Finlayson and Trezzi 2004, Shades of Gray, find 6 best
 _REACH_RAD, _EDGE_EPS, _EDGE_SHARE = math.radians(0.5), 0.02, 0.25
 """Within which a pane's edge follows the picture's (half a frame's width at 4 m), how strong an edge counts (squared
 stops), and up to which share there is none. Chosen by looking: a wider soft zone makes frames milky and green."""
+EDGE_CODE, EDGE_CODES, EDGE_PX = 205, 45, 0.8
+"""How bright one side of an edge is, by how much brighter than the other, and by how far it is evened out, from which
+it would show stairs. Chosen by looking."""
 HALVED_PX = 8  # chosen: of a panorama of 6720 by 3360 pixels one in 2,000 differs by more than 3 codes
 _TABLED_ROWS, _FILTERED_ROWS = 32, 256  # at a time, for the processor's cache; for memory
 
@@ -167,6 +166,17 @@ def screen(light: Floats) -> Bytes:
         part = np.ascontiguousarray(light[top : top + _TABLED_ROWS], np.float32)
         np.take(codes, np.maximum(part.view(np.int32), 0) >> 10, out=out[top : top + _TABLED_ROWS], mode="clip")
     return out
+
+
+def developed(light: Floats) -> Bytes:
+    """Return a still (H, W, 3) as `screen`, its bright edges evened out: one pixel in a hundred changes.
+
+    A pixel on an edge has the mean of both sides' light; the film shows the brighter: sun had stairs and red rims.
+    """
+    codes = screen(light)
+    most, least = (work(codes, np.ones((3, 3), np.uint8)) for work in (cv2.dilate, cv2.erode))
+    edge = np.any((most >= EDGE_CODE) & (most - least >= EDGE_CODES), axis=2, keepdims=True)
+    return np.where(edge, cv2.GaussianBlur(codes, (0, 0), EDGE_PX), codes).astype(np.uint8)
 
 
 @cache

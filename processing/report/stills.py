@@ -21,7 +21,7 @@ from processing.ground.arrays import Doubles
 from processing.ground.polygons import inside
 from processing.ground.room_model import RoomModel
 from processing.layout.arrangement import Arrangements, PlacedItem
-from processing.pictures.display import screen
+from processing.pictures.display import developed
 from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage
 from processing.pictures.writing import estimated
@@ -356,7 +356,7 @@ def _stills(
     panoramas, measured, found = [_whole(shown, image), originals], Panorama(np.ascontiguousarray(image.rgb)), []
     widths = [_width_px(image, frame, LEAST_PX, SIZE_PX[0], MOST_ENLARGED) for frame in frames]
     framed = [(frame, wide, frame.height_px(wide)) for frame, wide in zip(frames, widths, strict=True)]
-    cuts = [[screen(cut_view(one, frame.view(wide))[-rows:]) for one in panoramas] for frame, wide, rows in framed]
+    cuts = [[developed(cut_view(one, frame.view(wide))[-rows:]) for one in panoramas] for frame, wide, rows in framed]
     panoramas.clear()  # a quarter of a gigabyte
     for number, ((frame, wide, rows), (rgb8, original)) in enumerate(zip(framed, cuts, strict=True), before + 1):
         name = f"still-{number}"

@@ -23,6 +23,7 @@ from processing.pictures.display import (
     LEAST_VIEW,
     PLATEAU,
     Display,
+    developed,
     display_of,
     film,
     screen,
@@ -95,6 +96,20 @@ def test_the_view_is_kept_and_the_room_stays() -> None:
     ratio = float(pulled[22:32, 67:78].mean() / pulled[22:32, 52:63].mean())
     assert 1.5 < ratio < 2.7  # 2.5 in truth: the view's own contrast is not flattened away
     assert (screen(inside) < 254).all()
+
+
+def test_a_bright_edge_has_no_stairs_and_all_else_stays() -> None:
+    """Coverage of a slanted edge, exact: its film showed the bright side of each pixel alone."""
+    x, y = np.meshgrid(np.arange(120), np.arange(60))
+    share = np.clip(x - 40 - y / 7, 0, 1).astype(np.float32)
+    light = np.repeat((0.1 + 6 * share)[..., None], 3, axis=2)
+    plain, even = screen(light).astype(float)[..., 0], developed(light).astype(float)[..., 0]
+    steps = [np.abs(np.diff(one, axis=1)).max() for one in (plain, even)]
+    assert steps[1] < 0.6 * steps[0]
+    away = np.abs(x - 40 - y / 7) > 3
+    np.testing.assert_array_equal(even[away], plain[away])
+    dim = np.random.default_rng(0).uniform(0, 0.4, (50, 60, 3)).astype(np.float32)
+    np.testing.assert_array_equal(developed(dim), screen(dim))
 
 
 def test_the_view_is_nearer_to_the_cameras_own_white_than_the_room(monkeypatch: pytest.MonkeyPatch) -> None:
