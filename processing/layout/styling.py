@@ -290,7 +290,7 @@ def _above(room: _Room, row: Mapping[str, Any]) -> Groups:
         middle, wide = float(along.mean()), float(np.clip(0.62 * np.ptp(along), 0.40, 1.3))
         high = min(0.72, 0.8 * wide, room.plan.ceiling_height_m - 0.2 - low)
         low = max(low, min(EYE_M + 0.1 - high / 2, low + 0.25))
-        pairs = [(-wide / 2, -0.03), (0.03, wide / 2)]
+        pairs = [(-wide / 2, -0.03), (0.03, wide / 2 + 0.002)]  # of another size, so that it is another print
         tries = [pairs, [(-wide / 2, wide / 2)]] if room.rng.random() < 0.6 else [[(-wide / 2, wide / 2)], pairs]
         for spans in (*tries, [(-0.2, 0.2)]) if high > 0.3 else ():
             walls = [(edge, middle + a, middle + b, low, low + high) for a, b in spans]

@@ -94,6 +94,22 @@ def test_a_bed_cover_turns_down_round_and_hides_the_mattress_at_its_foot() -> No
             assert deep / 2 > foot.max() > deep / 2 - 0.05, "cloth is beyond the mattress, and within the bed"
 
 
+def test_the_two_prints_of_a_pair_differ() -> None:
+    for style in STYLES:
+        design = design_of("art", style)
+        one, other = (
+            next(
+                p.material.texture
+                for p in build_model("art", style, (w, 0.03, 0.45), design).parts
+                if p.uv is not None and p.material.name == "print"
+            )
+            for w in (0.25, 0.252)
+        )
+        assert one is not None
+        assert other is not None
+        assert one.shape != other.shape or (one != other).mean() > 0.3
+
+
 def test_no_dark_ground_shows_at_the_sides_of_slatted_doors() -> None:
     for category in ("wardrobe", "chest"):
         design = "slatted" if category == "wardrobe" else "sideboard"
