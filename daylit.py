@@ -12,6 +12,7 @@ import json
 import os
 import sys
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -138,6 +139,8 @@ def main(argv: list[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read once, when NumPy is imported (`limit_libraries` says why)
     try:
         result = cli.main(arguments, prog_name="daylit", standalone_mode=False)
+    except SystemExit:  # click's own, where whoever read the output has closed it
+        return 141
     except click.exceptions.Abort:
         return _fail({"kind": "Interrupted", "message": "interrupted"}, "interrupted", 130, arguments)
     except click.ClickException as error:
@@ -159,12 +162,13 @@ def _report(error: Exception, arguments: list[str]) -> int:
 
         if error.filename is not None or error.errno in WRITE_FAULTS:
             error = disk_error(error, Path(os.fsdecode(error.filename or "a file")), "reading or writing")
+    if isinstance(error, MemoryError):
+        from station.errors import ResourceError
+
+        error = ResourceError(f"not enough memory: {error}", advice="close other programs, or take smaller pictures")
     if isinstance(error, DaylitError):
         text = f"{error.code} {error}".replace(" | ", "\n  ")
         return _fail(error.to_dict(), text, error.exit_code, arguments)
-    if isinstance(error, BrokenPipeError):
-        sys.stderr.close()
-        return 0
     from station.errors import write_crash_report
 
     path = write_crash_report(error, arguments)
@@ -174,8 +178,10 @@ def _report(error: Exception, arguments: list[str]) -> int:
 
 def _fail(error: dict[str, object], text: str, exit_code: int, arguments: list[str]) -> int:
     if "--json" in arguments:
-        click.echo(json.dumps({"ok": False, "exit_code": exit_code, "error": error}))
-    elif text:
+        with suppress(OSError):  # of a full disk, or a closed pipe: standard error hears of it then
+            click.echo(json.dumps({"ok": False, "exit_code": exit_code, "error": error}))
+            return exit_code
+    if text:
         # A message may hold a device's own words: no control character of theirs reaches the terminal.
         shown = "".join(c if c.isprintable() or c == "\n" else "?" for c in text)
         click.echo(click.style("daylit: ", fg="red", bold=True) + shown, err=True)

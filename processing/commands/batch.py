@@ -84,6 +84,7 @@ def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
         raise ParameterError("--workers applies to this computer only: leave it out with --cluster")
     workers, zone = asked["workers"] or usual_workers(), asked["zone"] and str(zone_named(asked["zone"]))
     request = BatchRequest(folder, _arguments(asked), workers, asked["cluster"], asked["session_timeout"], zone)
+    (asked["into"] or Path()).mkdir(parents=True, exist_ok=True)  # now rather than after hours
     with SilentView() if as_json else BarsView(terminal=sys.stdout.isatty()) as view:
         report = run_batch(request, lambda *event: view.show(event))
     table, values = write_table(asked["into"] or Path("." if is_url(folder) else folder), report)

@@ -96,9 +96,7 @@ def export(session: Path, what: str, into: Path | None, *, no_label: bool, as_js
         glare = _glare(session.resolve(), target, done)
     files = [str(path) for path in done.files]
     lines = [*files, *(f"left out: {name}: {why}" for name, why in done.left_out.items())]
-    lines += [
-        f"{name}: " + ", ".join(f"{key} {value:.4g}" for key, value in one.items()) for name, one in glare.items()
-    ]
+    lines += [f"{view}: " + ", ".join(f"{name} {v:.4g}" for name, v in one.items()) for view, one in glare.items()]
     return answer({"ok": True, "files": files, "left_out": done.left_out, "evalglare": glare}, lines, as_json=as_json)
 
 
@@ -120,9 +118,8 @@ def _glare(session: Path, target: Path, done: Exported) -> dict[str, Any]:
     tool = shutil.which("evalglare") if image.absolute else None
     if tool is None:
         absent = "it is not installed (part of Radiance); the figures stage has daylit's own values"
-        done.left_out["evalglare"] = (
-            absent if image.absolute else "the picture has no absolute scale, which glare needs"
-        )
+        unscaled = "the picture has no absolute scale, which glare needs"
+        done.left_out["evalglare"] = absent if image.absolute else unscaled
         return {}
     return {view.name: evalglare(Path(tool), view) for view in views}
 

@@ -106,7 +106,7 @@ def _show(path: Path, *, as_json: bool) -> int:
     found, problems = room_problems(read_json(path))
     facts = _facts(found)
     if problems:
-        lines = [*problems, f"{len(problems)} faults to correct in {path}, then: daylit room SESSION --check {path}"]
+        lines = [*problems, f"to correct in {path}: {len(problems)}; then: daylit room SESSION --check {path}"]
     else:
         size = f"{facts['walls']} walls, {facts['area_m2']:.2f} m2, openings: {facts['openings']}"
         lines = [f"{path}: {size}; valid"]

@@ -54,7 +54,7 @@ def recorded(session: Path, stage: str, name: str, left_out: dict[str, str]) -> 
         made, what = Finished(session, stage), f"{stage}/{name}"
         return made.path(name) if name in made else None
     except ResultFileError as error:
-        left_out[what] = str(error)
+        left_out[what] = f"{error.message} ({error.advice})"
         return None
 
 

@@ -98,8 +98,7 @@ def _eight_bit(path: Path) -> OpenPicture:
     text = packet.encode() if isinstance(packet, str) else bytes(packet)
     attributes: dict[str, object] = {f"GPano:{name}": value for name, value in read_tags(path).gpano.items()}
     attributes |= {"edited": b"compositeSynthetic" in text, "staged": b'daylit:Staged="True"' in text}
-    if b'daylit:Units="relative"' in text:
-        attributes["units"] = "relative"
+    attributes |= {"units": "relative"} if b'daylit:Units="relative"' in text else {}
     return OpenPicture("JPEG or PNG, for viewing", CODE_UNIT, codes, _assumed(codes), attributes=attributes)
 
 

@@ -115,9 +115,7 @@ def _signer(chain: bytes, key: Any, *, self_made: bool) -> Signer:
     public: Any = own.public_key()
     kind = public.curve.name if hasattr(public, "curve") else type(public).__name__
     if kind not in ALGORITHMS:
-        raise ParameterError(
-            "a key type that C2PA does not support", where="--sign", advice="give Ed25519, ECDSA or RSA"
-        )
+        raise ParameterError("C2PA does not support this type of key", where="--sign", advice="Ed25519, ECDSA or RSA")
     facts = {"name": own.subject.rfc4514_string(), "sha256": own.fingerprint(hashes.SHA256()).hex()}
     plain = key.private_bytes(form.Encoding.PEM, form.PrivateFormat.PKCS8, form.NoEncryption())
     return Signer(chain, plain, ALGORITHMS[kind], facts | {"self_made": self_made})

@@ -36,9 +36,10 @@ class Finished:
     def _read(self, path: Path) -> Any:
         try:
             return strict_json.loads(path.read_bytes())
+        except FileNotFoundError as error:
+            raise self._refused(path.name, "is not there: has the stage run?") from error
         except (OSError, strict_json.StrictJsonError) as error:
-            found = "is not there, has the stage run?" if isinstance(error, FileNotFoundError) else "cannot be read"
-            raise self._refused(path.name, f"{found}: {getattr(error, 'strerror', None) or error}") from error
+            raise self._refused(path.name, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
     def _refused(self, name: str, what: str) -> ResultFileError:
         advice = f"daylit process {self._session} rebuilds it; if not, add --force {self._folder.name}"

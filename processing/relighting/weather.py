@@ -260,7 +260,5 @@ def day_times(day: datetime, place: Place, zone: tzinfo, step: timedelta) -> lis
     times = [midnight + k * step for k in range(math.ceil(timedelta(days=1) / step))]
     found = [t for t in times if sun_place(t, place).elevation_rad > math.radians(1.0)]
     if not found:
-        raise DaylightError(
-            "the sun does not rise that day", where=local.date().isoformat(), advice="try another --date"
-        )
+        raise DaylightError("the sun does not rise that day", where=local.date().isoformat(), advice="try another date")
     return found

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from processing.errors import ParameterError
 from processing.exchange.jpeg_files import Made, lit_by, removed_by, write_jpeg
 from processing.exchange.showing import Shown, panes_of, shown_as
 from processing.ground.arrays import Doubles
@@ -38,7 +37,6 @@ SENSOR_MM = 36.0  # width of full frame, on which lenses are named
 WIDE_WORTH = {24.0: 0.0, 20.0: -0.1, 18.0: -0.25, 16.0: -0.5}
 """A wider lens stretches what is at the edges: worth less. Chosen, as all worths below, by looking."""
 DROPS = (0.0, 0.08, 0.16, 0.24)  # by how much of the picture's height the lens is shifted down
-MOST_DROP = 0.3  # of a frame that is aimed by hand: what shift lenses do (chosen)
 SIZE_PX = (1920, 1280)
 FEWEST, MOST = 3, 6
 APART_RAD = math.radians(30)  # between two frames' axes: nearer, they are one picture
@@ -56,7 +54,6 @@ TALL_M, FILLS, TALL_SHARE, BACK_SHARE, MOST_FILLED = 1.4, 2.0, 0.12, 0.02, 0.2
 CUT_MAIN, ALONE = 0.6, 1.5  # what it costs more to cut a main piece; what it is worth more in an only frame (chosen)
 MAIN, SEATS = ("bed", "single bed", "sofa", "dining table"), ("chair", "armchair", "sofa")
 OPENINGS = ("window", "door")
-WIDEST_MM, LONGEST_MM = 12.0, 50.0  # chosen: wider is no picture of a room, longer shows single pixels of a panorama
 MOST_STILLS = MOST + MOST_STAGED - 1  # of the first alternative up to `MOST`, of each further one the best
 LIGHT_PX = 960  # chosen: 10 MB a still
 MOST_ENLARGED, LEAST_PX = 1.5, 1280  # chosen: a draft's edges are stairs beyond; a plate's code is read from here on
@@ -142,16 +139,10 @@ def _whole_ones(states: Doubles, things: Sequence[_Thing]) -> tuple[str, ...]:
 
 
 def aimed(text: str | None, room: RoomModel | None, items: Sequence[PlacedItem]) -> tuple[Frame, ...]:
-    """Return the frames that somebody aimed: "yaw,lens,drop;…", degrees to the right, mm, share of the height.
-
-    Raises `ParameterError` for a lens or a drop that makes no picture.
-    """
+    """Return the frames that somebody aimed: "yaw,lens,drop;…", degrees to the right, mm, share of the height."""
     frames, things = [], _in_sight(_pieces(items), room) if room else []
     for one in filter(None, (text or "").split(";")):
         yaw_deg, lens_mm, drop = [*map(float, one.split(",")), 0.0][:3]
-        if not WIDEST_MM <= lens_mm <= LONGEST_MM or drop > MOST_DROP:
-            advice = f"a lens of {WIDEST_MM:g} to {LONGEST_MM:g} mm, a drop of 0 to {MOST_DROP:g}"
-            raise ParameterError(f"--aim {one}: not a valid framing", advice=advice)
         frame = Frame(math.remainder(math.radians(yaw_deg), 2 * math.pi), lens_mm, drop)
         frames.append(replace(frame, shows=_whole_ones(_seen(frame, things, room) if room else np.empty(0), things)))
     return tuple(frames)

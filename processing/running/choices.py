@@ -26,8 +26,9 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 
 import processing.pipeline
 from drivers.clock import Clock, SystemClock
+from drivers.errors import DaylitError
 from processing.calibration.outdoor.sun_place import Place, zone_named
-from processing.errors import ChoicesError, ParameterError, PictureFileError, ProfileError
+from processing.errors import ChoicesError, ParameterError, PictureFileError, ProfileError, RoomError
 from processing.pipeline import options, selected
 from processing.running.requests import RunRequest, planned
 from processing.running.result_store import STAGES
@@ -143,7 +144,7 @@ def remember(session: Path, given: Mapping[str, object], *, by: str, clock: Cloc
         Place(*numbers("--site", str(given["site"]), 2, "LATITUDE,LONGITUDE in degrees, say 40.44,-79.94"))
 
     def changed(root: Folder, old: Choices, now: datetime) -> Choices:
-        made = {name: _choice(root, kinds[name], v, now, by) for name, v in given.items() if v is not None}
+        made = {name: _choice(root, (name, kinds[name]), v, now, by) for name, v in given.items() if v is not None}
         return _over(old, {n: one for n, one in made.items() if _what(one) != _what(old.chosen.get(n))}, now)
 
     return _edit(session, changed, clock)
@@ -152,7 +153,7 @@ def remember(session: Path, given: Mapping[str, object], *, by: str, clock: Cloc
 def check_values(session: Path, given: Mapping[str, str]) -> None:
     """Refuse, with `ParameterError`, what is typed for a stage and no run of the session could go on with."""
     kinds, of_stages = known(), {*TRADES, *(flag.removeprefix("--") for flag in options())}
-    typed = {n: v if kinds[n] is Path else _typed(kinds[n], v) for n, v in given.items() if n in of_stages}
+    typed = {n: v if kinds[n] is Path else _typed(kinds[n], v, n) for n, v in given.items() if n in of_stages}
     planned(_merged(session, read_choices(session), typed, RunRequest()).request, processing.pipeline.STAGES)
 
 
@@ -187,9 +188,10 @@ def _over(old: Choices, new: Mapping[str, Choice | None], now: datetime) -> Choi
     return Choices(chosen=dict(sorted(chosen.items())), past=past[-MOST_PAST:])
 
 
-def _choice(root: Folder, kind: type, value: object, at: datetime, by: str) -> Choice:
+def _choice(root: Folder, of: tuple[str, type], value: object, at: datetime, by: str) -> Choice:
+    name, kind = of
     if kind is not Path or str(value) in WORDS:
-        return Choice(value=str(value) if kind is Path else _typed(kind, value), at=at, by=by)
+        return Choice(value=str(value) if kind is Path else _typed(kind, value, name), at=at, by=by)
     path, session = Path(str(value)).resolve(), root.path.resolve()
     if not path.exists():
         raise ParameterError(f"no such file: {path.name}", where=str(path))
@@ -209,16 +211,16 @@ def _choice(root: Folder, kind: type, value: object, at: datetime, by: str) -> C
     return Choice(file=f"{FOLDER}/{name}", sha256=digest, given=given, at=at, by=by)
 
 
-def _typed(kind: type, value: object) -> bool | float | str:
-    """Return a value, or what was typed of one, as what it is to be."""
+def _typed(kind: type, value: object, name: str) -> bool | float | str:
+    """Return a value, or what was typed of one, as what it is to be; ``name`` is said of what it cannot be."""
     word = str(value).strip().lower()
     try:
         found = kind(value) if kind is not bool else {"true": True, "yes": True, "false": False, "no": False}[word]
         if not math.isfinite(float(found) if kind is not str else 0):
             raise ValueError(word)
     except (ValueError, TypeError, KeyError):
-        what = {bool: "yes or no", int: "a whole number", float: "a number"}[kind]
-        raise ParameterError(f"{str(value)[:60]!r} is not {what}") from None
+        what = {bool: "yes or no", int: "a whole number", float: "a finite number"}[kind]
+        raise ParameterError(f"{name}={str(value)[:60]}: not {what}") from None
     assert isinstance(found, bool | float | int | str)
     return found
 
@@ -305,7 +307,7 @@ def going_on(
     """Give the request of a run: what is given now over what was chosen before; it is then what is chosen.
 
     ``given``: values by name, of stages' options and `TRADES`; ``run``: the rest (until, force ...). A dry run chooses
-    nothing; what ends the run as a `UsageError`, or is no picture or profile, is chosen no longer. ``forgotten``: what
+    nothing; what ends the run as a `UsageError`, or is a file that is refused, is chosen no longer. ``forgotten``: what
     is dropped first.
     """
     load_manifest(session)
@@ -325,16 +327,16 @@ def going_on(
     after = before if run.dry_run or not given else remember(session, given, by=by, clock=clock)
     try:
         yield found
-    except (UsageError, PictureFileError, ProfileError):
+    except DaylitError as error:
         new = [name for name in given if after.chosen.get(name) != before.chosen.get(name)]
-        if new:  # as before, unless another writer has chosen since
-            _edit(
-                session,
-                lambda _root, old, now: _over(
-                    old, {n: before.chosen.get(n) for n in new if old.chosen.get(n) == after.chosen.get(n)}, now
-                ),
-                clock,
-            )
+        refused = isinstance(error, UsageError | PictureFileError | ProfileError | RoomError)
+        if new and (refused or error.where in map(str, given.values())):
+
+            def as_before(_root: Folder, old: Choices, now: datetime) -> Choices:
+                same = [n for n in new if old.chosen.get(n) == after.chosen.get(n)]  # others were chosen since
+                return _over(old, {n: before.chosen.get(n) for n in same}, now)
+
+            _edit(session, as_before, clock)
         raise
 
 

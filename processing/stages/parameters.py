@@ -20,6 +20,8 @@ from pydantic.fields import FieldInfo
 
 OptionKind = Literal["parameter", "file", "folder", "answer"]
 MOST_STAGED = 7  # alternatives: as many as the paper shows
+MOST_DROP = 0.3  # of a frame that is aimed by hand: what shift lenses do (chosen)
+WIDEST_MM, LONGEST_MM = 12.0, 50.0  # chosen: wider is no picture of a room, longer shows single pixels of a panorama
 WORDS = ("own", "fuse")  # what --segmenter takes beside a file
 NO_SUCH = "no such alternative"  # why an artifact of an alternative that was not requested is left out
 _UNIT = re.compile(r"_(deg|m)$")
@@ -359,3 +361,13 @@ class StillsParameters(ReportParameters):
     aim: str | None = Field(
         None, pattern=r"^(-?(\d+\.?\d*|\.\d+)(,(\d+\.?\d*|\.\d+)){1,2}(;|$)){1,6}$", description=_AIM
     )
+
+    @field_validator("aim")
+    @classmethod
+    def _makes_pictures(cls, value: str | None) -> str | None:
+        for one in filter(None, (value or "").split(";")):
+            lens_mm, drop = [*map(float, one.split(",")[1:]), 0.0][:2]
+            if not WIDEST_MM <= lens_mm <= LONGEST_MM or drop > MOST_DROP:
+                ends = f"a lens has {WIDEST_MM:g} to {LONGEST_MM:g} mm, a drop is 0 to {MOST_DROP:g}"
+                raise ValueError(f"{one}: not a valid framing: {ends}")
+        return value

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
     from station.frames.dataset_import import DatasetPlan, DatasetRequest, Outcome
     from station.frames.importer import ImportReport, Zone
     from station.session.session import Site
-    from station.session.verify import VerifyReport
 
 NOT_OF_A_TREE = ("room", "indoor", "outdoor", "readings", "target", "heading", "address")
 """Options that say something of one room only."""
@@ -107,15 +105,14 @@ def parse_zone(text: str | None) -> Zone | None:
 def summary(report: ImportReport) -> dict[str, Any]:
     """Return the JSON object of an import."""
     manifest = report.manifest
+    refused = [{"side": str(r.side), "file": r.name, "reason": r.reason, "message": r.message} for r in report.refused]
     return {
         "ok": not manifest.missing,
         "session": str(report.session),
         "status": str(manifest.status),
         "frames": len(manifest.frames),
         "stops_s": list(manifest.bracket.stops_s),
-        "refused": [
-            {"side": str(r.side), "file": r.name, "reason": r.reason, "message": r.message} for r in report.refused
-        ],
+        "refused": refused,
         "ignored": list(report.ignored),
         "missing": list(manifest.missing),
         "warnings": [w.message for w in manifest.warnings],
@@ -159,7 +156,7 @@ def verify(session: Path, *, fast: bool, look: bool, repair: bool, as_json: bool
     with FrameChecker() as checker:  # its process starts at the first frame
         report = verify_session(session, fast=fast, frame_check=checker.verify_frame if look else None)
     whole = report.intact and report.status == "complete"
-    advice = _advice(report)
+    advice = report.advice()
     lines = [f"note: {note}" for note in report.notes]
     if not report.cut_short:
         problems = [f"{problem.file}: {problem.message} ({problem.code})" for problem in report.problems]
@@ -174,33 +171,6 @@ def verify(session: Path, *, fast: bool, look: bool, repair: bool, as_json: bool
     lines += [f"{verdict} in {session}", *(f"  what to do: {line}" for line in advice)]
     facts = {"ok": whole, **report.to_dict(), "advice": advice}
     return answer(facts, lines, as_json=as_json, exit_code=0 if whole else 4)
-
-
-def _advice(report: VerifyReport) -> list[str]:
-    """Return what to do about the problems of a report, the first thing first."""
-    from station.session.verify import CUT_SHORT
-
-    codes = {problem.code for problem in report.problems}
-    path = shlex.quote(report.path)
-    resume = "import it again" if report.imported else f"daylit capture --resume {path}"
-    lines = []
-    if any("this version of daylit supports up to" in problem.message for problem in report.problems):
-        lines.append("update daylit; do not change the session with this version")
-    elif "manifest" in codes:
-        lines.append(f"daylit verify --repair {path} rebuilds session.json from the journal (none: from a backup)")
-    if codes & CUT_SHORT:
-        lines.append("a capture is running, or was interrupted; nothing saved is lost. If none runs, resume: " + resume)
-    if "journal" in codes:
-        lines.append("restore journal.jsonl from a backup; the frames and session.json may still be intact")
-    if codes & {"missing", "size"}:
-        lines.append("restore the files from a backup, or take them again: " + resume)
-    if codes & {"digest", "content", "unreadable"}:
-        lines.append("restore the files from a backup; without one, move them out and take them again: " + resume)
-    if codes & {"extra", "irregular"}:
-        lines.append("move files that do not belong to the session out of its folder")
-    if report.missing and not codes:
-        lines.append("complete it: " + resume)
-    return lines
 
 
 def import_tree(options: dict[str, Any]) -> int:

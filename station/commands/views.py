@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import tomllib
 from collections.abc import Iterable, Mapping
 from datetime import date
@@ -29,6 +30,7 @@ _KINDS = {
     "float": click.FLOAT,
     "day": lambda text: date.fromisoformat(text).isoformat(),
 }
+_OF_A_SESSION = ("indoor", "outdoor", "given", "rejected", "choices", "stages")
 _RENDERED = {"light": "the room's light", "indoor": "the room's pictures", "outdoor": "the sky's pictures"}
 _STYLE = {
     EventKind.WARNING: "yellow",
@@ -54,10 +56,20 @@ class Number(click.FloatRange):
         return "any" if self.min is None and self.max is None else super()._describe_range()
 
 
+def _for_results(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
+    """Return where results go: not among a session's own files, where they count as damage or are replaced."""
+    real = Path(os.path.realpath(path or "/"))
+    for folder in (real, *real.parents):
+        if folder.name in _OF_A_SESSION and (folder.parent / "session.json").exists():
+            raise click.BadParameter(f"{folder} belongs to a session; choose another folder.", ctx, param)
+    return path
+
+
 def parameter(flags: str, row: Mapping[str, Any]) -> click.Parameter:
     """Return what a row says: an option, or without dashes an argument; ``kind`` and ``choices``: what it takes."""
     kind, choices, ends = row.get("kind"), row.get("choices"), ("min", "max", "min_open")
     given = {key: value for key, value in row.items() if key not in ("kind", "choices", *ends)}
+    given |= {"callback": _for_results} if flags.startswith("--into") else {}
     if choices:
         given["type"] = click.Choice(choices)
     elif kind in ("number", "whole number"):
@@ -180,14 +192,8 @@ class TerminalView(SilentView):
     def __init__(self, sides: tuple[str, ...], n_stops: int) -> None:
         from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TransferSpeedColumn
 
-        columns = (
-            TextColumn("{task.description:>8}"),
-            BarColumn(),
-            TextColumn("{task.fields[frames]}"),
-            DownloadColumn(),
-            TransferSpeedColumn(),
-        )
-        self.bars = self._progress = Progress(*columns, transient=True)
+        columns = TextColumn("{task.description:>8}"), BarColumn(), TextColumn("{task.fields[frames]}")
+        self.bars = self._progress = Progress(*columns, DownloadColumn(), TransferSpeedColumn(), transient=True)
         self._n_stops = n_stops
         self._saved: dict[str, set[object]] = {side: set() for side in sides}
         self._tasks = {s: self._progress.add_task(s, total=None, frames=f"0/{n_stops}") for s in sides}
@@ -211,9 +217,7 @@ class TerminalView(SilentView):
 
 def _line(event: CaptureEvent) -> str:
     """Return the text of an event as a terminal shows it, where no field beside it says the kind."""
-    if event.kind is EventKind.STOP:
-        return f"exposing {event.text}"
-    return f"warning: {event.text}" if event.kind is EventKind.WARNING else event.text
+    return {EventKind.STOP: "exposing ", EventKind.WARNING: "warning: "}.get(event.kind, "") + event.text
 
 
 def printable(text: str) -> str:

@@ -3,6 +3,7 @@
 import hashlib
 import os
 import re
+import shlex
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -88,14 +89,38 @@ class VerifyReport:
         """Return the report as a JSON-able mapping."""
         return {"intact": self.intact, **asdict(self)}
 
+    def advice(self) -> list[str]:
+        """Return what to do about the problems, the first thing first."""
+        codes = {problem.code for problem in self.problems}
+        path = shlex.quote(self.path)
+        resume = "import it again" if self.imported else f"daylit capture --resume {path}"
+        lines = []
+        if any("this version of daylit supports up to" in problem.message for problem in self.problems):
+            lines.append("update daylit; do not change the session with this version")
+        elif "manifest" in codes:
+            lines.append(f"daylit verify --repair {path} rebuilds session.json from the journal (none: from a backup)")
+        if codes & CUT_SHORT:
+            lines.append("a capture is running or was interrupted; nothing saved is lost. If none runs: " + resume)
+        if "journal" in codes:
+            lines.append("restore journal.jsonl from a backup; the frames and session.json may still be intact")
+        if codes & {"missing", "size"}:
+            lines.append("restore the files from a backup, or take them again: " + resume)
+        if codes & {"digest", "content", "unreadable"}:
+            lines.append("restore the files from a backup; without one, move them out and take them again: " + resume)
+        if codes & {"extra", "irregular"}:
+            lines.append("move files that do not belong to the session out of its folder")
+        if self.missing and not codes:
+            lines.append("complete it: " + resume)
+        return lines
+
     def raise_for_problems(self) -> None:
         """Raise `IntegrityError` listing every problem, if there is one."""
         if self.problems:
             listed = "; ".join(f"{p.file}: {p.message}" for p in self.problems[:5])
             more = f"; and {len(self.problems) - 5} more" if len(self.problems) > 5 else ""
             text = f"{len(self.problems)} problem{'s'[: len(self.problems) - 1]}: {listed}{more}"
-            advice = "restore the files from a backup, or take them again with `daylit capture --resume`"
-            raise IntegrityError(text, where=self.path, advice=advice, files=[p.file for p in self.problems])
+            files = [p.file for p in self.problems]
+            raise IntegrityError(text, where=self.path, advice="; ".join(self.advice()), files=files)
 
 
 def verify_session(path: Path, *, fast: bool = False, frame_check: FrameCheck | None = None) -> VerifyReport:

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import errno
 import json
+import os
 import shutil
+import subprocess
+import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import daylit
+from processing.batch import run as batch_run
+from processing.exchange import inspection
 from processing.figures import figures
 from station.session import durable
 
@@ -184,14 +191,16 @@ def test_stages_that_never_ran_are_named_as_such(ran: Ran, session: Path, monkey
     monkeypatch.setitem(figures.write_glare_views.__kwdefaults__, "size_px", 32)
     code, said = ran("export", str(session), "--what", "exr,glare")
     assert code == 0
-    assert "remove: " not in said or "has the stage run?" in said
+    assert "No such file" not in said
+    assert " | " not in said, "what happened and what to do, as parts of one sentence"
+    assert "remove: " not in said or "has the stage run? (daylit process" in said
     assert "absolute scale" in said, "evalglare would take relative units for cd/m2"
 
 
-def test_stills_may_be_copied_to_where_they_are(ran: Ran, session: Path) -> None:
+def test_stills_are_not_copied_to_where_they_are(ran: Ran, session: Path) -> None:
     own = session / "stages" / "stills"
     before = {path.name: path.read_bytes() for path in own.glob("*.jpg")}
-    assert ran("stills", str(session), "--into", str(own))[0] == 0
+    assert ran("stills", str(session), "--into", str(own))[0] == 2
     assert before
     assert {path.name: path.read_bytes() for path in own.glob("*.jpg")} == before
 
@@ -234,3 +243,109 @@ def test_a_full_disk_leaves_no_empty_rig_file(ran: Ran, monkeypatch: pytest.Monk
     monkeypatch.chdir(tmp_path)
     assert ran("doctor", "--write-rig", "rig.toml")[0] == 0
     assert ran("doctor", "--write-rig", "rig.toml")[0] == 2, "what is there stays"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("stills", "SESSION", "--into", "SESSION/indoor"),
+        ("export", "SESSION", "--what", "jpeg", "--into", "SESSION/stages/render"),
+        ("proof", "SESSION", "--into", "SESSION/stages/../stages"),
+        ("certificate", "SESSION", "--into", "SESSION/given/more"),
+        ("relight", "SESSION", "--sweep", "day", "--into", "link"),
+    ],
+)
+def test_results_do_not_go_among_a_sessions_own_files(ran: Ran, session: Path, words: tuple[str, ...]) -> None:
+    """There they would count as damage (frames), or be gone after the next run (stages)."""
+    Path("link").symlink_to(session / "stages", target_is_directory=True)
+    before = sorted(session.rglob("*"))
+    code, said = ran(*(word.replace("SESSION", str(session)) for word in words))
+    assert code == 2
+    assert "belongs to a session; choose another folder" in said
+    assert sorted(session.rglob("*")) == before
+
+
+def test_results_go_beside_a_session_and_into_folders_of_its_own_names(ran: Ran, session: Path) -> None:
+    assert ran("stills", str(session), "--into", "indoor")[0] == 0
+    assert ran("stills", str(session), "--into", str(session / "mine"))[0] == 0
+    assert len(list(Path("indoor").glob("still-*.jpg"))) == len(list((session / "mine").glob("still-*.jpg"))) > 0
+
+
+def test_a_framing_that_makes_no_picture_is_refused_before_it_is_saved(ran: Ran, session: Path) -> None:
+    saved = (session / "choices.toml").read_bytes()
+    for words in (("choices", str(session), "aim=0,100"), ("process", str(session), "--aim", "0,100", "--dry-run")):
+        code, said = ran(*words)
+        assert code == 2
+        assert "--aim: 0,100: not a valid framing: a lens has 12 to 50 mm" in said
+    assert (session / "choices.toml").read_bytes() == saved
+
+
+@pytest.mark.parametrize(("flag", "text"), [("--room", "{}"), ("--room", "NaN"), ("--mask", "no picture")])
+def test_a_file_that_is_refused_is_not_saved(ran: Ran, session: Path, flag: str, text: str) -> None:
+    """Else the corrected file would be as useless as the first: later runs take the saved copy."""
+    Path("given").write_text(text)
+    saved = (session / "choices.toml").read_bytes()
+    assert ran("process", str(session), flag, "given", "--quality", "draft")[0] == 5
+    assert tomllib.loads((session / "choices.toml").read_text())["chosen"] == tomllib.loads(saved.decode())["chosen"]
+
+
+def test_a_batch_whose_table_has_no_place_is_refused_before_its_first_session(
+    ran: Ran, session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def started(*_: object) -> None:
+        raise AssertionError("sessions were processed first")
+
+    monkeypatch.setattr(batch_run, "run_batch", started)
+    Path("file").touch()
+    code, said = ran("batch", str(session.parent), "--into", "file/tables")
+    assert code == 6
+    assert "RES-002" in said
+
+
+@pytest.mark.parametrize("typed", ["k1=nan", "k1=1e400", "margin=wide", "seed=1.5"])
+def test_a_saved_option_that_is_no_number_is_named(ran: Ran, session: Path, typed: str) -> None:
+    code, said = ran("choices", str(session), typed)
+    assert code == 2
+    assert f"{typed}: not a" in said
+
+
+def test_what_to_do_about_a_strange_frame_is_to_move_it(ran: Ran, session: Path) -> None:
+    (session / "indoor").mkdir(exist_ok=True)
+    (session / "indoor" / "holiday.jpg").write_bytes(b"x")
+    for words in (("verify", str(session)), ("process", str(session), "--until", "merge")):
+        said = ran(*words)[1]
+        assert "move files that do not belong to the session out of its folder" in said
+        assert "backup" not in said
+
+
+def _front_door(words: str, **more: Any) -> subprocess.CompletedProcess[bytes]:
+    command = [sys.executable, "-c", f"import sys, daylit; sys.exit(daylit.main({words.split()!r}))"]
+    return subprocess.run(command, stderr=subprocess.PIPE, check=False, timeout=120, **more)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is full")
+@pytest.mark.parametrize("words", ["furniture list", "furniture list --json"])
+def test_standard_output_on_a_full_disk_is_an_error_of_the_disk(words: str) -> None:
+    with Path("/dev/full").open("wb") as full:
+        done = _front_door(words, stdout=full)
+    assert done.returncode == 6
+    assert b"RES-001" in done.stderr
+    assert b"Traceback" not in done.stderr
+
+
+def test_a_reader_who_has_read_enough_is_no_failed_check() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing, "wb") as pipe:
+        done = _front_door("furniture list", stdout=pipe)
+    assert (done.returncode, done.stderr) == (141, b"")
+
+
+def test_a_computer_without_memory_is_no_internal_error(ran: Ran, monkeypatch: pytest.MonkeyPatch) -> None:
+    def needs_much(*_: object) -> None:
+        raise MemoryError("Unable to allocate 977. MiB")
+
+    monkeypatch.setattr(inspection, "open_picture", needs_much)
+    code, said = ran("inspect", "large.png")
+    assert code == 6
+    assert "RES-000 not enough memory: Unable to allocate 977. MiB" in said

@@ -224,7 +224,8 @@ def _measured(readings: Sequence[ReadingRecord], frames: Sequence[FrameRecord], 
     usable = [r for r in readings if r.status in _USABLE and r.luminance_cd_m2 is not None]
     if not usable:
         had = f"{len(readings)} with status {', '.join(sorted({r.status for r in readings}))}" if readings else "none"
-        raise ScaleError(f"no usable meter reading ({had})", where="readings", advice="give --reading CD_M2 or --k1")
+        advice = "give --k1, or capture or import the room again, with --reading CD_M2"
+        raise ScaleError(f"no usable meter reading ({had})", where="readings", advice=advice)
     values = np.array([float(r.luminance_cd_m2 or 0.0) for r in usable])
     if not np.all(values > 0):
         raise ScaleError("a meter reading of 0 gives no scale", where="readings", advice=_OTHER_TARGET)

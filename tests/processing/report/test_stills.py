@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from processing.errors import ParameterError
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.layout.arrangement import PlacedItem
 from processing.pictures.display import Display
@@ -170,8 +169,9 @@ def test_frames_that_were_aimed_come_first_and_others_look_elsewhere() -> None:
     for wrong in ("10", "10,20,0.1,3", "a,b", "1.2.3,20"):
         with pytest.raises(ValueError, match="aim"):
             StillsParameters(aim=wrong)
-    with pytest.raises(ParameterError, match="not a valid framing"):
-        aimed("0,5", ROOM, ())
+    for impossible in ("0,5", "0,20;0,51", "0,20,0.31"):
+        with pytest.raises(ValueError, match=r"a lens has 12 to 50 mm, a drop is 0 to 0\.3"):
+            StillsParameters(aim=impossible)
 
 
 def test_a_piece_said_to_be_whole_is_within_the_frame_by_the_spheres_geometry() -> None:

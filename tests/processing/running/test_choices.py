@@ -14,7 +14,7 @@ import pytest
 
 import processing.pipeline
 from drivers.errors import DaylitError
-from processing.errors import ChoicesError, ParameterError, PictureFileError, ProfileError
+from processing.errors import ChoicesError, LayoutNetworkError, ParameterError, PictureFileError, ProfileError
 from processing.running import choices
 from processing.running.choices import forget, going_on, read_choices, remember
 from processing.running.requests import RunRequest
@@ -205,6 +205,20 @@ def test_what_cannot_be_is_not_chosen(session: Path, tmp_path: Path) -> None:
         forget(session, ["mask"])
     assert b'value = "living"' in before
     assert set(read_choices(session).chosen) == {"set"}
+
+
+def test_a_network_or_arrangement_that_is_refused_is_not_chosen(session: Path, tmp_path: Path) -> None:
+    """A saved copy of it would be taken by every later run, though the file itself is corrected."""
+    given = tmp_path / "model.onnx"
+    given.write_bytes(b"no network")
+    for where in (str(given), "another file"):
+        with (
+            pytest.raises(LayoutNetworkError),
+            going_on(session, {"layout-model": given, "set": "none"}, RunRequest(), by="a test"),
+        ):
+            raise LayoutNetworkError("cannot be loaded", where=where)
+        kept = set() if where == str(given) else {"layout-model", "set"}
+        assert set(read_choices(session).chosen) == kept
 
 
 def test_a_run_that_fails_otherwise_keeps_what_was_chosen(session: Path) -> None:
