@@ -210,11 +210,15 @@ def _resume(options: dict[str, Any]) -> int:
     """Complete a session with the instruments that it still needs, and no others."""
     from station.capture.capture import Capture
     from station.commands.following import summarise
+    from station.errors import UsageError
     from station.session.store import SessionStore
 
     path = options["resume_path"]
     with SessionStore.open(path, writable=False) as store:
         manifest = store.manifest
+    if len(options["readings"]) > (wanted := len(manifest.missing_readings())):
+        advice = "leave it out; a scale without a reading: `daylit process --k1`"
+        raise UsageError(f"readings missing here: {wanted}", where="--reading", advice=advice)
     file, world = _needed(manifest, options)
     if not (file.cameras() or manifest.missing):
         with SessionStore.open(path, writable=True) as store:  # session.json may still be behind the journal

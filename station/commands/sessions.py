@@ -40,6 +40,7 @@ def import_session(**options: Any) -> int:
     from station.errors import UsageError
     from station.frames.importer import ImportRequest
     from station.frames.importer import import_session as run_import
+    from station.frames.packed import take_packed
     from station.session.session import Side
 
     if options["dataset"] is not None:
@@ -49,6 +50,8 @@ def import_session(**options: Any) -> int:
     if given := [name for name in ("table", "only", "dry_run") if options[name]]:
         raise UsageError(f"--{given[0].replace('_', '-')} needs --dataset", where="import", advice="leave it out")
     folders = {Side.INDOOR: options["indoor"], Side.OUTDOOR: options["outdoor"]}
+    if options["indoor"] is not None and options["indoor"] == options["outdoor"]:
+        raise UsageError("it is the room's folder, too", where="--outdoor", advice="name the folder of each camera")
     heading_deg, archive = options["heading"], Path(options["room"])
     packed = archive.suffix.lower() == ".zip"
     request = ImportRequest(
@@ -64,11 +67,7 @@ def import_session(**options: Any) -> int:
         strict=options["strict"],
         raw=options["raw"],
     )
-    if not packed:
-        return _show(run_import(request), as_json=options["as_json"])
-    from station.frames.packed import take_packed
-
-    session, report = take_packed(archive, request)
+    session, report = take_packed(archive, request) if packed else (None, run_import(request))
     if report is not None:
         return _show(report, as_json=options["as_json"])
     return answer({"ok": True, "session": str(session)}, [str(session)], as_json=options["as_json"])
@@ -98,8 +97,7 @@ def parse_zone(text: str | None) -> Zone | None:
     try:
         return ZoneInfo(text)
     except (ZoneInfoNotFoundError, ValueError, OSError) as error:
-        advice = "write +HH:MM or a name such as America/New_York"
-        raise UsageError(f"{text!r} is not a zone", where="--zone", advice=advice) from error
+        raise UsageError(f"{text!r} is not a zone", where="--zone", advice="+HH:MM, or America/New_York") from error
 
 
 def summary(report: ImportReport) -> dict[str, Any]:

@@ -223,8 +223,10 @@ def read_table(path: Path) -> list[TableRow]:
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
-            if lacking := [name for name in COLUMNS if name not in (reader.fieldnames or ())]:
-                raise UsageError(f"has no column {', '.join(lacking)}", where=str(path), advice=f"needs {COLUMNS}")
+            names = list(filter(None, reader.fieldnames or ()))
+            if wrong := sorted({name for name in (*COLUMNS, *names) if names.count(name) != 1}):
+                text = f"columns that it needs once: {', '.join(wrong)}"
+                raise UsageError(text, where=str(path), advice="correct its first line")
             return [_row(number, cells, path) for number, cells in enumerate(reader, 2)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UsageError(f"cannot be read: {error}", where=str(path), advice="give a CSV file in UTF-8") from error
@@ -236,11 +238,11 @@ def _row(line: int, cells: Mapping[str, str | None], path: Path) -> TableRow:
     try:
         luminance, lux = (float(text[n]) if text.get(n) else None for n in ("luminance_cd_m2", "illuminance_lux"))
         if not all(0 <= value <= 1e10 for value in (luminance or 0, lux or 0)):
-            raise ValueError(f"{luminance} cd/m2, {lux} lx")
+            raise ValueError(line)
     except ValueError as error:
-        raise UsageError(f"line {line}: {error}", where=str(path), advice="correct the cell") from error
+        raise UsageError(f"line {line}: luminance and illuminance are 0 to 1e10", where=str(path)) from error
     if not day:
-        raise UsageError(f"line {line}: {text['date']!r} is no date", where=str(path), advice="write YYYYMMDD")
+        raise UsageError(f"line {line}: {text['date']!r} is not a date", where=str(path), advice="write YYYYMMDD")
     remarks = [f"{n.replace('_', ' ')}: {text[n]}" for n in ("natural_light", "orientation") if text.get(n)]
     nd_filter = text.get("nd_filter", "")
     sky = room_and_minute(text.get("fisheye_time", ""))[1]

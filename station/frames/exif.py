@@ -190,14 +190,11 @@ def _iso(reader: TiffReader, entry: Entry | None) -> int | None:
 
 
 def _taken(reader: TiffReader, exif: Mapping[int, Entry]) -> datetime | None:
-    """Return the moment of the frame by the camera's clock; one never set writes blanks, zeros, or an odd year."""
-    text = _text(reader, exif, _TAKEN)
-    if not text.strip(" :0"):
-        return None
+    """Return the moment by the camera's clock; None for blanks, an odd year, and what is no date in EXIF's form."""
     try:
-        taken = datetime.strptime(text, "%Y:%m:%d %H:%M:%S")  # noqa: DTZ007 (the camera's clock has no zone)
-    except ValueError as error:
-        raise reader.problem(f"not a date: {text[:40]!r}") from error
+        taken = datetime.strptime(_text(reader, exif, _TAKEN), "%Y:%m:%d %H:%M:%S")  # noqa: DTZ007 (a clock without zone)
+    except ValueError:
+        return None
     if taken.year not in YEARS:
         return None
     digits = _text(reader, exif, _TAKEN_SUBSECOND)

@@ -101,6 +101,13 @@ def test_a_room_without_a_name_is_refused(ran: Ran, tmp_path: Path) -> None:
     assert "empty" in said
 
 
+def test_one_folder_is_not_room_and_sky(ran: Ran, tmp_path: Path) -> None:
+    (tmp_path / "frames").mkdir()
+    code, said = ran("import", "x", "--indoor", "frames", "--outdoor", "frames/")
+    assert code == 2
+    assert "--outdoor: it is the room's folder, too" in said
+
+
 def test_the_demo_refuses_an_unknown_set_before_it_captures(ran: Ran, tmp_path: Path) -> None:
     assert ran("demo", "--world", "room", "--set", "nonsense")[0] == 2
     assert not list(tmp_path.iterdir())

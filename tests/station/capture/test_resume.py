@@ -61,6 +61,22 @@ def test_numbers_that_are_typed_later_complete_it(tmp_path: Path, typed: tuple[t
     assert manifest.status is SessionStatus.COMPLETE
 
 
+@pytest.mark.parametrize(("planned", "typed"), [(0, 1), (1, 2)])
+def test_a_number_that_no_reading_is_missing_for_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], planned: int, typed: int
+) -> None:
+    """It would be dropped, and the session be as relative as before."""
+    _, path, _ = run(make_rig(later(), later()), tmp_path)
+    with SessionStore.open(path, writable=True) as store:
+        store.update(readings_planned=planned)
+        store.finish()
+    numbers = ("--reading", "34.63") * typed
+    assert daylit.main(["capture", "--resume", str(path), "--simulate", "uniform:100", *numbers]) == 2
+    assert f"--reading: readings missing here: {planned}" in capsys.readouterr().err
+    with SessionStore.open(path, writable=False) as store:
+        assert not store.manifest.readings
+
+
 def spoil(path: Path, side: Side, stop: int) -> None:
     with SessionStore.open(path, writable=False) as store:
         frame = store.manifest.frame(side, stop)

@@ -175,13 +175,20 @@ def test_rows_equally_near_are_a_doubt(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "what"),
     [
-        ("", "no column date"),
-        ("date,scene_name\n", "no column theta_time"),
-        (HEAD + "20231321,a,1:00,1,,,\n", "line 2: '20231321' is no date"),
-        (HEAD + "20231221,a,1:00,bright,,,\n", "line 2"),
-        (HEAD + "20231221,a,1:00,nan,,,\n", "line 2: nan cd/m2"),
-        (HEAD + "20231221,a,1:00,-3,,,\n", "line 2: -3.0 cd/m2"),
-        (HEAD + "20231221,a,1:00,3,inf,,\n", "line 2: 3.0 cd/m2, inf lx"),
+        ("", "needs once: date"),
+        ("date,scene_name\n", "needs once: theta_time"),
+        ("date,scene_name,theta_time,luminance_cd_m2,luminance_cd_m2\n", "needs once: luminance_cd_m2"),
+        (HEAD + "20231321,a,1:00,1,,,\n", "line 2: '20231321' is not a date"),
+        (
+            HEAD + "20231221,a,1:00,bright,,,\n",
+            "line 2: luminance and illuminance are 0 to 1e10",
+        ),
+        (HEAD + "20231221,a,1:00,nan,,,\n", "line 2: luminance and illuminance are 0 to 1e10"),
+        (HEAD + "20231221,a,1:00,-3,,,\n", "line 2: luminance and illuminance are 0 to 1e10"),
+        (
+            HEAD + "20231221,a,1:00,3,1e400,,\n",
+            "line 2: luminance and illuminance are 0 to 1e10",
+        ),
     ],
 )
 def test_a_table_that_cannot_be_right_is_named_with_its_line(tmp_path: Path, text: str, what: str) -> None:
