@@ -40,9 +40,8 @@ def list_(catalogue: Path | None, style: str | None, category: str | None, *, as
     found = _catalogue(catalogue, style)
     entries = [e for e in found.entries if category is None or e.category == category]
     if category is not None and not entries:
-        raise click.UsageError(
-            f"--category {category}: one of {', '.join(sorted({e.category for e in found.entries}))}"
-        )
+        known = ", ".join(sorted({e.category for e in found.entries}))
+        raise click.UsageError(f"--category {category}: one of {known}")
     named = ("model_id", "category", "size_m", "smallest_m", "largest_m", "licence", "file")
     rows = [
         {key: getattr(e, key) for key in named}
@@ -68,8 +67,8 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
       daylit furniture show "bookshelf/classic" --size 1.2,0.3,2.1
       daylit furniture show --style industrial --into industrial.png
     """
+    from processing.pictures.writing import write_whole
     from processing.relighting.model_pictures import model_sheet, two_sides
-    from station.session.durable import disk_errors
 
     found = _catalogue(where["catalogue"], where["style"])
     if model is None:
@@ -79,8 +78,7 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
         models = [found.mesh(model, _size(size))]
         picture, name = two_sides(models[0]), models[0].model_id.replace("/", "-").replace(" ", "-")
     path = output or Path(f"{name}.png")
-    with disk_errors(path, "writing"):
-        picture.save(path, "PNG")
+    write_whole(path, lambda part: picture.save(part, "PNG"))
     return _report_written(path, models, as_json=as_json)
 
 

@@ -156,10 +156,12 @@ def _sweep(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) 
 
 def _summary(ready: Relighting, moments: dict[str, Any], facts: list[dict[str, Any]], path: Path) -> dict[str, Any]:
     """Return what was relit, and write it as JSON."""
+    from processing.pictures.writing import write_bytes
+
     basis = "kept" if ready.basis_kept else "made"
     of_room = {"session": ready.room.manifest.name, "staged": ready.room.staged, "basis": basis}
     found = {"schema_version": 1, **of_room, "of_sha256": moments["of"], "notes": moments["notes"], "moments": facts}
-    path.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", "utf-8")
+    write_bytes(path, (json.dumps(found, indent=1, ensure_ascii=False) + "\n").encode())
     return found
 
 

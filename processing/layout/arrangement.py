@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from processing.errors import LayoutError
-from station.session.folder import Folder, write_file
+from processing.pictures.writing import write_bytes
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -91,8 +91,7 @@ class Arrangements(_Strict):
 
     def write(self, path: Path) -> None:
         """Write the JSON file."""
-        with Folder.open(path.parent) as folder:  # whole or not at all
-            write_file(folder, path.name, (self.model_dump_json(indent=1) + "\n").encode("utf-8"))
+        write_bytes(path, (self.model_dump_json(indent=1) + "\n").encode("utf-8"))
 
 
 def read_arrangements(path: Path) -> Arrangements:

@@ -21,6 +21,8 @@ import daylit
 from processing.batch import run as batch_run
 from processing.exchange import inspection
 from processing.figures import figures
+from processing.layout.drawn.canvas import Sheet, write_sheet
+from station.errors import DiskFullError
 from station.session import durable
 
 Ran = Callable[..., tuple[int, str]]
@@ -225,6 +227,16 @@ def test_a_full_disk_leaves_no_empty_arrangement(ran: Ran, tmp_path: Path) -> No
     (tmp_path / "plan.json").write_text(json.dumps(PLAN))
     assert ran("arrange", "plan.json", "--items", "chest", "--no-pictures", "--into", "out")[0] == 6
     assert not list((tmp_path / "out").iterdir())
+
+
+def test_a_full_disk_leaves_no_cut_off_drawing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def fsync(fd: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(durable.os_calls, "fsync", fsync)
+    with pytest.raises(DiskFullError, match=r"layout-1\.svg"):
+        write_sheet(Sheet([], (0.0, 0.0), (1.0, 1.0)), tmp_path / "layout-1")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_full_disk_leaves_no_empty_rig_file(ran: Ran, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

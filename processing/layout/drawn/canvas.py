@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from processing.ground.designs import build
 from processing.ground.tables import table_of
+from processing.pictures.writing import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -90,8 +91,8 @@ def write_sheet(sheet: Sheet, stem: Path) -> list[Path]:
         for depth, shape in enumerate(sheet.shapes):
             _draw(axes, shape, depth)
         vector, raster = stem.with_suffix(".svg"), stem.with_suffix(".png")
-        figure.savefig(vector, metadata={"Date": None})
-        figure.savefig(raster, dpi=PNG_PX_PER_M / INCHES_PER_M)
+        write_whole(vector, lambda part: figure.savefig(part, metadata={"Date": None}))
+        write_whole(raster, lambda part: figure.savefig(part, dpi=PNG_PX_PER_M / INCHES_PER_M))
     return [vector, raster]
 
 

@@ -21,6 +21,7 @@ from processing.layout.plan_files import plan_from_mapping
 from processing.layout.rules import RuleSet, built_in_rules
 from processing.layout.solver.poses import Frame
 from processing.layout.styling import outline
+from processing.pictures.writing import write_whole
 
 WALL_M = 0.14  # chosen by eye, as all below
 INK, WALL, PAPER, ZONE, ROUTE, GREY = "#33383d", "#3b4046", "#ffffff", "#8db4d8", "#d1495b", "#767d84"
@@ -210,7 +211,7 @@ def write_drawings(result: Arrangements, folder: Path, rules: RuleSet | None = N
         pictures.append(Image.open(written[-1]).convert("RGB"))
     if pictures:
         path = folder / "contact-sheet.png"
-        contact_sheet(pictures).save(path)
+        write_whole(path, contact_sheet(pictures).save)
         written.append(path)
     return written
 

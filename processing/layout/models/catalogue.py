@@ -25,7 +25,7 @@ from processing.layout.furniture.builtin import BUILT_IN, LICENCE, build_model, 
 from processing.layout.furniture.model import FurnitureModel, Part, Size
 from processing.layout.furniture.solids import rotation
 from processing.layout.items import KINDS, ItemSpec, UseZone
-from station.session.durable import disk_errors
+from processing.pictures.writing import write_bytes
 
 if TYPE_CHECKING:
     from processing.layout.models.catalogue_folder import FileSource
@@ -286,8 +286,7 @@ def _write(path: Path, groups: Sequence[tuple[str, Sequence[Part]]], models: Seq
             label = f"{name}.{number}".replace("/", "_")
             scene.add_geometry(_trimesh(part), node_name=label, geom_name=label)
     scene.metadata["licences"] = sorted({model.licence for model in models})
-    with disk_errors(path, "writing"):
-        path.write_bytes(scene.export(file_type="glb"))
+    write_bytes(path, scene.export(file_type="glb"))
 
 
 def _trimesh(part: Part) -> Any:
