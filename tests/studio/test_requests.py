@@ -55,6 +55,14 @@ def test_json_of_another_type_is_a_bad_request(tmp_path: Path, what: str, body: 
     assert json.loads(answer)["error"]["message"]
 
 
+@pytest.mark.parametrize("inner", ["files/" + "a" * 5000, "files/\0", "files/room/" + "b/" * 3000])
+def test_a_name_that_no_disk_has_is_a_bad_request(tmp_path: Path, inner: str) -> None:
+    session = complete_session(tmp_path / "sessions")
+    status, answer = asyncio.run(asked(session.parent, "GET", f"/api/sessions/{session.name}/{inner}", b""))
+    assert status == 400
+    assert json.loads(answer)["error"]["message"].startswith("the request cannot be read")
+
+
 ECHO = """
 import json, os, sys
 for line in sys.stdin: print(json.dumps(json.loads(line) | {"pid": os.getpid(), "bytes": 0}), flush=True)
