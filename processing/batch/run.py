@@ -78,7 +78,7 @@ OnOutcome = Callable[[Outcome, int, int], None]  # (outcome, how many are over, 
 def find_sessions(folder: Path) -> list[Path]:
     """Return the sessions in a folder and the folders in it, sorted; raise `ParameterError` where there are none."""
     if not folder.is_dir():
-        raise ParameterError(f"{folder.name} is no folder", where=str(folder))
+        raise ParameterError("not a folder", where=str(folder))
     found = sorted(_below(folder, DEPTH))
     if not found:
         raise ParameterError("no sessions here", where=str(folder), advice=f"sessions are folders with {MANIFEST_NAME}")

@@ -53,7 +53,7 @@ def read_rsp(path: Path) -> Doubles:
         found, whole = np.zeros((0, 256)), False
     rises = whole and found.shape == (3, 256) and (found[:, 255] > found[:, _TIED.start]).all()
     if not (rises and np.isfinite(found).all()):
-        raise PictureFileError("is no response of hdrgen", where=path.name, advice="three lines: order, coefficients")
+        raise PictureFileError("is not hdrgen's response", where=path.name, advice="three lines: order, coefficients")
     return np.asarray(found - found[:, 255:])
 
 

@@ -64,7 +64,7 @@ def repaired_ring(points: Points, *, where: str, clockwise: bool = False) -> Rep
     edge_from = tuple(kept)
     ring = ring[kept]
     if len(ring) < 3:
-        raise PlanError(f"{len(ring)} different corners are no polygon", where=where)
+        raise PlanError(f"{len(ring)} different corners do not make a polygon", where=where)
     _refuse_crossings(ring, where)
     if abs(signed_area(ring)) < 1e-6:
         raise PlanError("the polygon has no area", where=where)
@@ -198,7 +198,7 @@ def make_plan(
     outside the floor, and heights that no room has.
     """
     if not (math.isfinite(ceiling_height_m) and 1.5 <= ceiling_height_m <= 30):
-        raise PlanError(f"a ceiling {ceiling_height_m} m high; 1.5 to 30 m can be", where=name)
+        raise PlanError(f"a ceiling {ceiling_height_m} m high; 1.5 to 30 m are possible", where=name)
     floor = repaired_ring(corners, where=name)
     repairs = [*notes, *floor.notes]
     columns = []
@@ -219,7 +219,7 @@ def make_plan(
             raise PlanError(f"a window from {w.sill_m} to {w.head_m} m above the floor", where=name)
     for x, y in keep_free:
         if not _inside(floor.ring, np.array([x, y])):
-            raise PlanError(f"the point to keep free ({x:.2f}, {y:.2f}) is outside the floor", where=name)
+            raise PlanError(f"the point to keep free ({x:g}, {y:g}) is outside the floor", where=name)
     windows = tuple(w for w in kept_windows if not isinstance(w, Hung))
     hung = tuple(w for w in kept_windows if isinstance(w, Hung))
     free = tuple((float(x), float(y)) for x, y in keep_free)
@@ -234,7 +234,7 @@ def _placed(plan: FloorPlan, opening: OpeningT, moved: dict[int, int], turned: b
     kind = type(opening).__name__.lower()
     where = f"{plan.name}, {kind} {opening.name}".rstrip()
     if opening.edge not in moved:
-        raise PlanError(f"it lies on edge {opening.edge}, which is none or has no length", where=where)
+        raise PlanError(f"it lies on edge {opening.edge}, which does not exist or has no length", where=where)
     edge = moved[opening.edge]
     length_m = plan.edge(edge)[2]
     start_m, end_m = opening.start_m, opening.end_m

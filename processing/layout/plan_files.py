@@ -28,7 +28,7 @@ def plan_from_mapping(data: object, *, where: str) -> FloorPlan:
     holes, keep_free = data.get("holes", []), data.get("keep_free", [])
     for key, value in (("polygon", polygon), ("openings", openings), ("holes", holes), ("keep_free", keep_free)):
         if not isinstance(value, Sequence) or isinstance(value, str) or len(value) > MAX_CORNERS:
-            raise PlanError(f"'{key}' is no list of at most {MAX_CORNERS}", where=where)
+            raise PlanError(f"'{key}' is not a list of at most {MAX_CORNERS}", where=where)
     doors, windows, notes = _openings(openings, where)
     return make_plan(
         polygon,
@@ -69,7 +69,7 @@ def _openings(items: Sequence[Any], where: str) -> tuple[list[Door], list[Window
             raise PlanError("its 'kind' is neither door nor window nor opening nor hung", where=at)
         edge = item.get("edge")
         if isinstance(edge, bool) or not isinstance(edge, int):
-            raise PlanError("its 'edge' is no whole number", where=at)
+            raise PlanError("its 'edge' is not a whole number", where=at)
         start_m, end_m = _number(item, "t0", at), _number(item, "t1", at)
         if item["kind"] == "hung":
             low_m, high_m = _number(item, "sill", at), _number(item, "head", at)
@@ -104,7 +104,7 @@ def _number(data: Mapping[str, Any], key: str, where: str, default: float | None
     if value is None and default is not None:
         return default
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise PlanError(f"its '{key}' is no finite number", where=where)
+        raise PlanError(f"its '{key}' is not a finite number", where=where)
     return float(value)
 
 
@@ -112,5 +112,5 @@ def _point(value: Any, where: str) -> tuple[float, float]:
     try:
         x, y = (float(v) for v in value)
     except (TypeError, ValueError):
-        raise PlanError("a point of 'keep_free' is no pair of numbers", where=where) from None
+        raise PlanError("a point of 'keep_free' is not a pair of numbers", where=where) from None
     return x, y

@@ -114,7 +114,7 @@ def _rule_set(name: str, values: Mapping[str, Any], where: str, start: RuleSet |
 
 def _table(value: Any, key: str, where: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
-        raise RulesError(f"'{key}' is no table", where=where)
+        raise RulesError(f"'{key}' is not a table", where=where)
     return value
 
 

@@ -147,7 +147,7 @@ def _part(attributes: dict[str, tuple[str, bytes]], path: Path) -> ExrPart:
             raise refused(path, f"lacks the attribute {name}")
     layout = attributes.get("type", ("string", b"scanlineimage"))[1]
     if layout not in (b"scanlineimage", b"tiledimage"):
-        raise refused(path, f"holds {layout[:40]!r}, which is no picture")
+        raise refused(path, f"holds {layout[:40]!r}, which is not a picture")
     data = struct.unpack("<4i", attributes["dataWindow"][1])
     channels, even = _channels(attributes["channels"][1])
     return ExrPart(
@@ -336,7 +336,7 @@ def _codes(plane: npt.NDArray[Any], path: Path) -> Bytes:
         with np.errstate(invalid="ignore"):
             codes[rows] = values.astype(np.uint8)
         if not np.array_equal(codes[rows], values):
-            raise refused(path, "holds codes that are no whole numbers from 0 to 255", likely=_DAMAGED, advice=_AGAIN)
+            raise refused(path, "holds codes that are not whole numbers from 0 to 255", likely=_DAMAGED, advice=_AGAIN)
     return codes
 
 

@@ -254,7 +254,7 @@ def no_panorama(context: StageContext) -> str | None:
     if image is None:
         return "the session has no indoor picture"
     whole = isinstance(image.geometry, Equirectangular) and image.rgb.shape[1] == 2 * image.rgb.shape[0]
-    return None if whole else "the indoor picture is no whole panorama"
+    return None if whole else "the indoor picture is not a whole panorama"
 
 
 def run(context: StageContext) -> StageOutput:

@@ -110,7 +110,7 @@ class NetworkContract(BaseModel):
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         if self.size_px % self.size_multiple:
-            raise ValueError(f"size_px {self.size_px} is no multiple of {self.size_multiple}")
+            raise ValueError(f"size_px {self.size_px} is not a multiple of {self.size_multiple}")
         if len(self.outputs) != (2 if self.output == "queries" else 1):
             raise ValueError("queries have two outputs (classes, masks), all others one")
         if min(self.std) <= 0:

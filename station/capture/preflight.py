@@ -100,7 +100,7 @@ def check_disk(folder: Path, limits: LimitsTable, bytes_needed: int) -> Check:
     seen = next(p for p in (folder, *folder.absolute().parents) if os.path.lexists(p))  # see make_folders
     ours = os.access in os.supports_effective_ids
     if not (os.path.isdir(seen) and os.access(seen, os.W_OK | os.X_OK, effective_ids=ours)):  # noqa: PTH112 (as there)
-        text = f"{seen} is no folder that can be written to"
+        text = f"{seen} is not a folder that can be written to"
         return Check(Level.FAIL, "disk", text, advice="choose another folder with --into, or permit writing")
     free = shutil.disk_usage(seen).free
     needed = bytes_needed + int(limits.min_free_disk_mb * 1e6)

@@ -276,7 +276,7 @@ def _of_list(info: Path, root: Path) -> list[FileSource]:
     except (OSError, ValueError, RecursionError):
         rows = None
     if not isinstance(rows, list):
-        raise CatalogueError("model_info.json is no list of models", where=str(info))
+        raise CatalogueError("model_info.json is not a list of models", where=str(info))
     sources = []
     for row in rows:
         name = row.get("model_id") if isinstance(row, dict) else None

@@ -135,7 +135,7 @@ def test_sessions_are_found_in_folders_of_folders(tmp_path: Path) -> None:
     assert found == ["monday/one", "monday/two", "zero"]
     with pytest.raises(ParameterError, match="no sessions"):
         find_sessions(tmp_path / "rooms" / "monday" / "one")
-    with pytest.raises(ParameterError, match="no folder"):
+    with pytest.raises(ParameterError, match="not a folder"):
         find_sessions(tmp_path / "elsewhere")
 
 

@@ -232,7 +232,7 @@ def test_3d_future_folder(tmp_path: Path) -> None:
     assert_chair(catalogue.mesh(name))
     assert Catalogue.at(folder).ids == (name,)
     (folder / "model_info.json").write_text("{}")
-    with pytest.raises(CatalogueError, match="no list"):
+    with pytest.raises(CatalogueError, match="not a list"):
         Catalogue.of_3d_future(folder)
 
 

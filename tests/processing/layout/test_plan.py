@@ -35,7 +35,7 @@ def test_repeated_and_closing_points_are_left_out_and_said() -> None:
     ("polygon", "result"),
     [
         ([[0, 0], [4, 3], [4, 0], [0, 3]], r"edge 0 crosses or touches edge 2 at \(2.000, 1.500\)"),
-        ([[0, 0], [4, 0]], "no polygon"),
+        ([[0, 0], [4, 0]], "do not make a polygon"),
         ([[0, 0], [4, 0], [8, 0]], "crosses or touches"),
         ([[0, 0], [0.001, 0], [0, 0.001]], "no area"),
         ([[0, 0], [4, 0], [4, float("nan")]], "finite"),

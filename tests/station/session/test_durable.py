@@ -185,7 +185,7 @@ def test_a_folder_that_may_not_be_entered_is_named(forbidden: Path) -> None:
     """As the disk of another user under /media; the check before a capture says so, too."""
     found = check_disk(forbidden, LimitsTable(min_free_disk_mb=0), 0)
     assert found.level == "fail"
-    assert found.text.endswith("is no folder that can be written to")
+    assert found.text.endswith("is not a folder that can be written to")
     with pytest.raises(DiskError, match="Permission denied") as caught:
         make_folders(forbidden)
     assert "choose a folder you can write to" in caught.value.advice
