@@ -34,9 +34,10 @@ def capture(**options: Any) -> int:
       daylit capture --resume sessions/2023-05-19T1554Z_coda-320
       daylit capture test --simulate bedroom-7 --size quarter
     """
+    from drivers.clock import SystemClock
     from station.capture.capture import Capture
     from station.capture.intake import check_typed
-    from station.day.day import parse_every
+    from station.day.day import parse_every, parse_until
 
     _refuse_what_would_do_nothing(options)
     for reading in options["readings"]:
@@ -49,6 +50,7 @@ def capture(**options: Any) -> int:
     request = _request(rooms[0], options)
     if options["every"]:
         parse_every(options["every"])
+        parse_until(options["until"], SystemClock().utc_now())
     with closing(_open(_rig_file(options), options["simulate"], options)) as rig:
         if options["every"] or len(rooms) > 1:
             return _run_day(rig, rooms, request, options)
@@ -142,9 +144,8 @@ def _run_day(rig: Rig, rooms: tuple[str, ...], request: CaptureRequest, options:
     from station.commands.views import JsonView, TerminalView
     from station.day.day import Day, DayPlan, parse_every, parse_until
 
-    plan = DayPlan(rooms)
-    if options["every"]:
-        plan = DayPlan(rooms, parse_every(options["every"]), parse_until(options["until"], rig.clock.utc_now()))
+    every, until = options["every"], options["until"]
+    plan = DayPlan(rooms, parse_every(every), parse_until(until, rig.clock.utc_now())) if every else DayPlan(rooms)
     day = Day(rig, plan, request)
     view = TerminalView(tuple(map(str, rig.cameras)), day.n_stops) if on_terminal(options) else JsonView()
     interrupted = follow(day, view, notify=options["notify"])

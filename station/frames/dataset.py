@@ -225,8 +225,7 @@ def read_table(path: Path) -> list[TableRow]:
             reader = csv.DictReader(file)
             names = list(filter(None, reader.fieldnames or ()))
             if wrong := sorted({name for name in (*COLUMNS, *names) if names.count(name) != 1}):
-                text = f"columns that it needs once: {', '.join(wrong)}"
-                raise UsageError(text, where=str(path), advice="correct its first line")
+                raise UsageError(f"columns that it needs once: {', '.join(wrong)}", where=str(path))
             return [_row(number, cells, path) for number, cells in enumerate(reader, 2)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise UsageError(f"cannot be read: {error}", where=str(path), advice="give a CSV file in UTF-8") from error

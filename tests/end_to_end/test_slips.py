@@ -78,6 +78,7 @@ def full(monkeypatch: pytest.MonkeyPatch) -> None:
         (("--target", "400,0"), "--target"),
         (("--stops", "4,0"), "exposure time"),
         (("--every", "0m", "--until", "23:59"), "--every"),
+        (("--every", "60m", "--until", "25:00"), "--until"),
         (("--every", "60m", "--until", "23:59", "--reading", "5"), "--reading"),
     ],
 )
