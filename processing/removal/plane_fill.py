@@ -30,8 +30,7 @@ SURE = 0.35  # confidence under which what was filled is called synthesised
 
 
 BESIDE_WINDOW_M = 0.25  # where edges are its frame's and its reveal's (chosen by looking at two real rooms)
-STRIP_M, STRIP_PX = 0.25, 3.0
-"""Beside the hole, of which a column's tone is the mean; at least (chosen)."""
+STRIP_M, STRIP_PX = 0.25, 3.0  # beside the hole, of which a column's tone is the mean; at least (chosen)
 COLUMNS_SEEN = 0.1  # of those of a row and the one above it, from which they say how columns change there (chosen)
 ENOUGH = 0.2  # of that change (squared), which a column must be seen in to say whether it goes with the others (chosen)
 RAGGED_M = 0.02  # below the last row of a window that is mostly seen, of what is still seen of its frame (chosen)

@@ -48,8 +48,7 @@ class Skirting:
     have: tone (M, N, 3), log light of the wall (M, 3), how much each counts (M,)."""
 
     def rows(self, height: int, px_per_m: float, paint: Floats | None = None) -> Floats:
-        """Return (H, 3): the same by rows of a wall's texture, from its ceiling down; ``paint`` (3,): log light of the
-        wall."""
+        """Return (H, 3): the same by rows of a wall's texture, from its ceiling down; ``paint`` (3,): its log light."""
         above_m = (height - 0.5 - np.arange(height)) / px_per_m
         places, tone = (np.arange(len(self.tone)) + 0.5) / SKIRTING_PX_PER_M, self.tone
         if self.own is not None and paint is not None:

@@ -16,26 +16,21 @@ from processing.ground.arrays import Flags, Floats, Indices
 from processing.removal.illumination import ToneScale
 
 # Chosen by looking at four furnished real rooms (docs/measurements/real.md).
-STEP = 0.18
-"""Tone by which both sides of an edge differ: less is the light's or a joint of boards."""
-SIDE_M, SIDE_PX = 0.03, 3
-"""Of what is compared on both sides; at least."""
+STEP = 0.18  # tone by which both sides of an edge differ: less is the light's or a joint of boards
+SIDE_M, SIDE_PX = 0.03, 3  # of what is compared on both sides; at least
 LONG_M, ALONG = 0.7, 0.85
 """How far an edge must be seen above the hole, and in what share of the rows: pictures and mirrors end before."""
 HEAD_M, CEILING_M = 1.85, 0.35
 """Above the floor, up to which an edge reaches at least: doors do; below the ceiling, that of a thing: curtains do."""
-NEAR_M, NEAR_SHARE = 0.15, 0.5
-"""Just above the hole, where so much of an edge must be seen, too: what ends there hangs."""
+NEAR_M, NEAR_SHARE = 0.15, 0.5  # just above the hole, where so much of an edge must be seen, too: what ends there hangs
 FOOT_M, MOSTLY = 0.3, 0.8
 """Above the floor, as far as a hole may end and still reach the wall's foot; share of a column that it is from there.
 """
 MOSTLY_THING = 0.5  # of what is seen of a wall's part, from which it is a thing and no wall (chosen)
 LOWER_M, LOWER_SHARE = 0.25, 0.4
 """Above the hole, from where on down so much of a row may be the lower edge of what hangs, or of its frame."""
-NARROW_M = 0.25
-"""Width up to which what hides a wall hides no edge of it: poles, cables, lamps' stands."""
-GAP_M, GAP_PX = 0.05, 2
-"""Above the hole's rim, of mixed pixels; at least."""
+NARROW_M = 0.25  # width up to which what hides a wall hides no edge of it: poles, cables, lamps' stands
+GAP_M, GAP_PX = 0.05, 2  # above the hole's rim, of mixed pixels; at least
 
 
 class Part(NamedTuple):
@@ -240,8 +235,7 @@ def torn_pictures(
 
 
 def _cut(top: int, low: int, wall: Flags, px_per_m: float) -> bool:
-    """Return whether a thing that is seen between two rows of a ``wall`` (H, W) is a picture, though no lower frame of
-    it is seen."""
+    """Return whether a thing that is seen between two rows of a ``wall`` (H, W), with no lower frame, is a picture."""
     return (len(wall) - low) / px_per_m > CUT_M[0] and (len(wall) - top) / px_per_m < CUT_M[1]
 
 

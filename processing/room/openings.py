@@ -161,8 +161,7 @@ def find_openings(
 
 
 def _beyond(window: Candidate, evidence: SceneEvidence, room: RoomModel) -> bool:
-    """Return whether a window is the next room's: what is around it lies, by the network's distances, far beyond its
-    wall."""
+    """Return whether a window is the next room's: by the network's distances what is around it lies far behind it."""
     if evidence.reach is None:
         return False
     view, sphere = window.field.view, Equirectangular(*evidence.reach.shape[::-1])

@@ -27,8 +27,7 @@ from station.session import strict_json
 SUMMARY = "result"
 ABSENT = "(absent)"
 _ANY = "()"  # as the last part of a name: whether there is anything
-_LONGEST = 60
-"""Characters of a text that is kept as it is (chosen); longer ones, lists and objects count by their digest."""
+_LONGEST = 60  # characters of a text that is kept as it is (chosen); longer ones, lists, objects count by digest
 Note = Callable[[str], None]
 
 

@@ -33,12 +33,10 @@ from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import FLOOR, SurfaceMaps, surface_maps
 
-ROUNDS = 6
-"""Of reading albedo from light and light from albedo; hidden patches alone change, and settle in four (chosen)."""
+ROUNDS = 6  # of reading albedo from light and light from albedo; hidden patches change, and settle in four (chosen)
 DARK_SHARE = 0.002  # of the median irradiance, below which a patch shows none; chosen
 MOST_RATIO = 3.0  # by which a place may be brighter or darker without the furniture; chosen: under a table it is 2 to 4
-MISFIT = -7
-"""Label of pixels in which mask and stand-ins disagree: they show neither the room nor its furniture for sure."""
+MISFIT = -7  # label of pixels in which mask and stand-ins disagree: nobody knows which of both they show
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)
 SAME_PLACE = 0.02  # of a place's distance and in metres: nearer to each other, both rooms show the same place
 GUARD_RAD = 0.02  # over which reflectance is compared; chosen: contact shadows are wider, patterns finer
