@@ -33,7 +33,6 @@ BESIDE_WINDOW_M = 0.25  # where edges are its frame's and its reveal's (chosen b
 STRIP_M, STRIP_PX = 0.25, 3.0  # beside the hole, of which a column's tone is the mean; at least (chosen)
 COLUMNS_SEEN = 0.1  # of those of a row and the one above it, from which they say how columns change there (chosen)
 ENOUGH = 0.2  # of that change (squared), which a column must be seen in to say whether it goes with the others (chosen)
-RAGGED_M = 0.02  # below the last row of a window that is mostly seen, of what is still seen of its frame (chosen)
 RAIL_SEEN = 0.25  # of a row of a frame's head or sill, or of a column of its side, from which it is seen (chosen)
 
 
@@ -163,13 +162,8 @@ def _seen_of_frame(region: Flags, known: Flags, texture: Texture) -> Flags:
     rows, columns = np.flatnonzero(region.any(axis=1)), np.flatnonzero(region.any(axis=0))
     hidden = _hidden_columns(known & region, region, columns)
     if not region[-1].any():
-        share = (known & region)[rows].sum(axis=1) / region[rows].sum(axis=1)
-        found[rows[-wide:][share[-wide:] <= RAIL_SEEN]] = False
-        found[rows[len(rows) - min((share > RAIL_SEEN)[::-1].argmax(), 2 * wide) :]] = False
-        # The last seen rows are ragged: none of them is wall.
-        ragged = np.flatnonzero(found.any(axis=1))[-1] + 1 + np.arange(math.ceil(RAGGED_M * texture.px_per_m))
-        ragged = ragged[(known & region)[ragged].any(axis=1)]
-        found[ragged] = region[ragged]
+        seen = (known & region)[rows[-wide:]].sum(axis=1) > RAIL_SEEN * region[rows[-wide:]].sum(axis=1)
+        found[rows[-wide:][~seen]] = False
     tone = np.log(np.maximum(grey(texture.values[..., :3]), 1e-6))
     wall = [_wall_beside(tone, known, rows, one, wide) for one in (columns, columns[::-1])]
     found[rows[: _wall_beside(tone.T, known.T, columns, rows, wide)]] = False
