@@ -184,8 +184,7 @@ LOST = (0.005, 0.35)  # share of its rectangle that is removed: less is its rim,
 FULL = 0.95  # of its rectangle as far as that is seen, that it fills: others are several things, or have no corners
 ROW_SEEN = 0.25  # of the outermost rows and columns of a picture
 RIM_M = 0.3  # below the ceiling and above the floor, within which what ends is a curtain or stands
-CUT_M = (1.0, 1.98)
-"""Above the floor, between which a picture is that is cut all along: glass doors and curtains reach beyond."""
+CUT_M = (1.0, 1.98)  # above the floor: between them lies a picture cut all along; glass doors and curtains do not
 CLOSED_M = 0.04  # of the upper frame, that is the lower one of a picture cut all along
 
 

@@ -7,6 +7,7 @@ are never visited. The reader runs in the worker process all the same (`station.
 
 import itertools
 import mmap
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -189,12 +190,18 @@ def _iso(reader: TiffReader, entry: Entry | None) -> int | None:
     return None if value in (0, 65535) else value
 
 
+_OTHER_DATE = re.compile(r"\d{1,4}[-/.]\d\d?[-/.]\d{1,4}([ T][\d:.]+)?(Z|[+-][\d:]+)?")  # as other programs write it
+
+
 def _taken(reader: TiffReader, exif: Mapping[int, Entry]) -> datetime | None:
-    """Return the moment by the camera's clock; None for blanks, an odd year, and what is no date in EXIF's form."""
+    """Return the moment by the camera's clock; None for blanks, an odd year, and dates in another form (ISO 8601)."""
+    text = _text(reader, exif, _TAKEN)
     try:
-        taken = datetime.strptime(_text(reader, exif, _TAKEN), "%Y:%m:%d %H:%M:%S")  # noqa: DTZ007 (a clock without zone)
-    except ValueError:
-        return None
+        taken = datetime.strptime(text, "%Y:%m:%d %H:%M:%S")  # noqa: DTZ007 (the camera's clock has no zone)
+    except ValueError as error:
+        if not text.strip(" :0") or _OTHER_DATE.fullmatch(text):
+            return None
+        raise reader.problem(f"not a date: {text[:40]!r}") from error
     if taken.year not in YEARS:
         return None
     digits = _text(reader, exif, _TAKEN_SUBSECOND)
