@@ -156,11 +156,11 @@ def fill_plane(
 
 def _seen_of_frame(region: Flags, known: Flags, texture: Texture) -> Flags:
     """Return the ``region`` (H, W) of an opening without sill and sides of which little is ``known`` (H, W): below and
-    beside the pane the wall goes on, not what is seen through it. Of two sides it is enough to see one: the other one
-    ends as far out."""
+    beside the pane the wall goes on, not what is seen through it. Of two sides one is enough: the other is as wide."""
     wide, found = max(1, math.ceil(FRAME_M * texture.px_per_m)), region.copy()
     rows, columns = np.flatnonzero(region.any(axis=1)), np.flatnonzero(region.any(axis=0))
-    hidden = _hidden_columns(known & region, region, columns)
+    ends = np.minimum(np.arange(len(columns)), np.arange(len(columns))[::-1])
+    hidden = (known & region)[:, columns].sum(axis=0) <= RAIL_SEEN * region[:, columns].sum(axis=0)
     if not region[-1].any():
         seen = (known & region)[rows[-wide:]].sum(axis=1) > RAIL_SEEN * region[rows[-wide:]].sum(axis=1)
         found[rows[-wide:][~seen]] = False
@@ -169,7 +169,7 @@ def _seen_of_frame(region: Flags, known: Flags, texture: Texture) -> Flags:
     found[rows[: _wall_beside(tone.T, known.T, columns, rows, wide)]] = False
     first, last = (max(wall) if hidden[-end] else wall[end] for end in (0, 1))
     beside = (np.arange(len(columns)) < first) | (np.arange(len(columns))[::-1] < last)
-    found[:, columns[beside | (hidden & hidden[::-1] & _near_ends(len(columns), wide))]] = False
+    found[:, columns[beside | (hidden & hidden[::-1] & (ends < wide))]] = False
     return found
 
 
@@ -190,14 +190,6 @@ def _wall_beside(tone: Floats, known: Flags, rows: Indices, columns: Indices, wi
     return int(np.append(~alike, True).argmax())
 
 
-def _hidden_columns(known: Flags, region: Flags, columns: Indices) -> Flags:
-    return np.asarray(known[:, columns].sum(axis=0) <= RAIL_SEEN * region[:, columns].sum(axis=0))
-
-
-def _near_ends(count: int, wide: int) -> Flags:
-    return np.minimum(np.arange(count), np.arange(count)[::-1]) < wide
-
-
 def _opening(values: Floats, known: Flags, hole: Flags, region: Flags, px_per_m: float) -> Floats:
     """Return a texture (H, W, 3) whose ``hole`` (H, W) in the ``region`` (H, W) of an opening and its frame is filled.
 
@@ -209,7 +201,7 @@ def _opening(values: Floats, known: Flags, hole: Flags, region: Flags, px_per_m:
     values, (known, hole, region) = values[part], (each[part] for each in (known, hole, region))
     rows, columns = np.flatnonzero(region.any(axis=1)), np.flatnonzero(region.any(axis=0))
     rail, wide = np.zeros_like(hole), max(1, math.ceil(FRAME_M * px_per_m))
-    hidden = _hidden_columns(known, region, columns)
+    hidden = known[:, columns].sum(axis=0) <= RAIL_SEEN * region[:, columns].sum(axis=0)
     rail[rows[:wide]] = True
     if not region[-1].any():
         rail[rows[-wide:]] = True
@@ -223,7 +215,8 @@ def _opening(values: Floats, known: Flags, hole: Flags, region: Flags, px_per_m:
     if len(low) and low[-1] >= rows[-wide:][0]:
         ends = slice(low[-1] + 1, rows[-1] + 1)  # where a sill is seen at a few places only
         found[ends] = np.where((hole[ends] & rail[low[-1]])[..., None], found[low[-1]], found[ends])
-    alike = hidden & ~hidden[::-1] & _near_ends(len(columns), 2 * wide)
+    inwards = np.arange(len(columns))
+    alike = hidden & ~hidden[::-1] & (np.minimum(inwards, inwards[::-1]) < 2 * wide)
     if alike.any():
         # A frame whose inner edge is seen, darker or brighter than the view, is only wider.
         inner = columns[~hidden][-1 if alike[-1] else 0]
@@ -250,12 +243,9 @@ def _median(values: Floats, known: Flags, columns: Indices) -> float:
 
 def _in_one_tone(values: Floats, known: Flags) -> Flags:
     """Return the rows (H,) of which most that is ``known`` (H, W) has one tone: rails, and no view."""
-    tone = np.log(np.maximum(grey(values), 1e-6))
-    found = np.zeros(len(known), bool)
-    for row in np.flatnonzero(known.any(axis=1)):
-        own = tone[row, known[row]]
-        found[row] = np.median(np.abs(own - np.median(own))) < UNLIKE
-    return found
+    tone = np.ma.masked_array(np.log(np.maximum(grey(values), 1e-6)), ~known)
+    apart = np.ma.median(np.abs(tone - np.ma.median(tone, axis=1, keepdims=True)), axis=1)  # type: ignore[no-untyped-call]
+    return np.asarray(np.ma.filled(apart, math.inf) < UNLIKE)
 
 
 def _colour(values: Floats, known: Flags, elsewhere: Floats) -> Floats:

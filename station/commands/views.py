@@ -7,6 +7,7 @@ import math
 import os
 import tomllib
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from datetime import date
 from functools import cache
 from importlib.resources import files
@@ -18,15 +19,24 @@ import click
 
 from station.capture.events import CaptureEvent, EventKind
 
-FILE = click.Path(path_type=Path)  # a file that is read or written, or a session
-FOLDER = click.Path(path_type=Path, file_okay=False)
-NO_FOLDER = click.Path(path_type=Path, dir_okay=False)
+
+class _Place(click.Path):
+    """A path, but of a pipe: what is read from one may never come."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        with suppress(OSError):
+            if Path(value).is_fifo():
+                self.fail(f"{os.fspath(value)!r} is a pipe: give a file", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+FILE = _Place(path_type=Path)  # a file that is read or written, or a session
 _KINDS = {
     "file": FILE,
-    "folder": FOLDER,
-    "no folder": NO_FOLDER,
-    "there": click.Path(path_type=Path, exists=True),
-    "folder there": click.Path(path_type=Path, exists=True, file_okay=False),
+    "folder": _Place(path_type=Path, file_okay=False),
+    "no folder": _Place(path_type=Path, dir_okay=False),
+    "there": _Place(path_type=Path, exists=True),
+    "folder there": _Place(path_type=Path, exists=True, file_okay=False),
     "float": click.FLOAT,
     "day": lambda text: date.fromisoformat(text).isoformat(),
 }

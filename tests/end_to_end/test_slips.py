@@ -104,6 +104,17 @@ def test_a_room_without_a_name_is_refused(ran: Ran, tmp_path: Path) -> None:
     assert "empty" in said
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_is_refused_rather_than_waited_for(ran: Ran, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "room.jpg")
+    for command in (("inspect", "room.jpg"), ("process", "--panorama", "room.jpg"), ("figures", "room.jpg")):
+        code, said = ran(*command)
+        assert code == 2
+        assert "'room.jpg' is a pipe" in said
+    code, said = ran("inspect", "x" * 300)
+    assert code != 2, "a name that is too long is refused where it is opened"
+
+
 def test_one_folder_is_not_room_and_sky(ran: Ran, tmp_path: Path) -> None:
     (tmp_path / "frames").mkdir()
     code, said = ran("import", "x", "--indoor", "frames", "--outdoor", "frames/")
