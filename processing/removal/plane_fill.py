@@ -123,7 +123,7 @@ def fill_plane(
         return FilledPlane(texture, values, hole, confidence, ~hole, "nothing of it is seen: one colour")
     confidence = np.ones(hole.shape, np.float32)
     rest, upright, walls = np.ones((3, *hole.shape), bool)
-    for around in opening_regions(texture.plane, room, hole.shape, texture.px_per_m):
+    for around in filter(np.any, opening_regions(texture.plane, room, hole.shape, texture.px_per_m)):
         region = _seen_of_frame(around, known, texture)
         inside = hole & region
         if (sources & region).sum() < LEAST_OPEN * region.sum():

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats
+from processing.ground.room_model import Opening, OpeningKind
 from processing.removal.furniture import (
     FurnitureFound,
     boards_between,
@@ -15,13 +16,13 @@ from processing.removal.furniture import (
     without_skirting,
 )
 from processing.removal.masks import CRUMB_SR, _at, _rests, _with_things, with_islands
-from processing.removal.plane_fill import _opening, _seen_of_frame, hanging
+from processing.removal.plane_fill import _opening, _seen_of_frame, fill_plane, hanging
 from processing.removal.rests import crumbs_on_walls, with_things
 from processing.removal.shadows import find_plain_shade, unglowed
 from processing.segmentation.evidence import SceneClass
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, planes_of, surface_maps
-from processing.surfaces.textures import Texture
+from processing.surfaces.textures import Texture, opening_regions
 from tests.processing.removal.painted_room import box_room
 
 ROWS = 256
@@ -300,6 +301,20 @@ def test_a_window_whose_lower_frame_a_mask_cuts_raggedly_keeps_its_frame_and_not
     np.testing.assert_allclose(done[84:92, 35:165], 0.9, rtol=0.02, err_msg="the rail goes on, in its own colour")
     np.testing.assert_allclose(done[found].min(), 0.9, rtol=0.02, err_msg="no wall in it")
     np.testing.assert_allclose(done[70:84, 121:160], np.broadcast_to(seen[69, 121:160], (14, 39, 3)), rtol=0.05)
+
+
+def test_an_opening_narrower_than_a_texel_is_wall() -> None:
+    """A texture of a far wall may have no texel whose middle lies in it."""
+    slit = Opening(kind=OpeningKind.WINDOW, wall=0, start_m=1.45, end_m=1.5, sill_m=1.0, head_m=1.05)
+    room = ROOM.model_copy(update={"openings": (slit,)})
+    plane, hole = planes_of(room)[FIRST_WALL], np.zeros((6, 9), bool)
+    hole[3:, 3:6] = True
+    values = np.where(hole[..., None], 0, np.ones((6, 9, 3))).astype(np.float32)
+    texture = Texture(plane, 2.0, values, ~hole, np.ones(hole.shape, np.float32))
+    assert not next(opening_regions(plane, room, hole.shape, 2.0)).any()
+    nothing = np.zeros_like(hole)
+    done = fill_plane(texture, hole, (nothing, nothing), room, np.ones(3, np.float32))
+    np.testing.assert_allclose(done.values, 1, rtol=0.02)
 
 
 def test_a_hidden_side_of_a_frame_is_as_the_other() -> None:
