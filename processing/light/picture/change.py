@@ -213,7 +213,7 @@ def _lit(
             light[mine] = gathered(stage, known, *where)
             _even_out(sight, mine, light)
     if change.mirrors is not None:
-        chosen = np.flatnonzero(furniture & (unmirrored | np.isin(sight.label, change.mirrors.glasses)))
+        chosen = np.flatnonzero(furniture & (unmirrored | np.isin(sight.label, change.mirrors.metals)))
         seen = sight.some(chosen), lit.new_sun[chosen]
         mirror[chosen, 6:9] = furniture_highlights(change.mirrors.around, *seen, rays[1], (seed, 92), 0.0)
     return lit, mirror

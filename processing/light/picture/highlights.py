@@ -284,8 +284,8 @@ class Mirrors:
 
     floors: tuple[int, ...]
     """Numbers of the surfaces that mirror."""
-    glasses: tuple[int, ...]
-    """Labels of the parts that mirror as an image: a small picture would blur it."""
+    metals: tuple[int, ...]
+    """Labels of parts of metal, mirrors among them: a small picture would blur the image that they show."""
 
     @cached_property
     def all_three(self) -> Floats:
@@ -328,8 +328,8 @@ def mirrors_of(
     picture = found.reshape(*sight.shape, 3)
     if clean:
         picture = _cleaned(picture, sight)
-    glasses = [FIRST_PART + k for k, part in enumerate(full.scene.parts) if part.material.metallic > 0.5]
-    return Mirrors(sight, replace(after, photograph=photo), picture, old, new, tuple(floors), tuple(glasses))
+    metals = [FIRST_PART + k for k, part in enumerate(full.scene.parts) if part.material.metallic > 0.5]
+    return Mirrors(sight, replace(after, photograph=photo), picture, old, new, tuple(floors), tuple(metals))
 
 
 def _gain(full: Stage, lights: tuple[LightMap, LightMap]) -> Doubles:
