@@ -20,7 +20,7 @@ from mocks.worlds.light import BrightDisc, Site, Vector, unit, vector_of
 from processing.ground.arrays import Floats
 
 # Raise when baking changes (then `python -m mocks.rooms.world` makes the shipped light anew); when looking it up does.
-LIGHT_VERSION, VIEW_VERSION = 6, 1
+LIGHT_VERSION, VIEW_VERSION = 7, 2
 DEFAULT: tuple[str, int, str, Kind] = ("bedroom", 7, "reference", "clear")
 """The room of `daylit demo`, whose light is shipped: nobody waits for it, and its walls are free of noise."""
 SHIPPED = Path(__file__).with_name("default.light")

@@ -15,6 +15,10 @@ from processing.ground.shapes import ball, cylinder, lathe, rounded_box, sheet, 
 
 OPAL = Material("opal glass", (0.82, 0.82, 0.8), roughness=0.2)
 SHADE = Material("lamp shade", (0.74, 0.71, 0.65))
+ENAMELS = tuple(
+    Material("enamel", rgb, roughness=0.35) for rgb in ((0.035, 0.065, 0.052), (0.55, 0.33, 0.07), (0.045, 0.045, 0.05))
+)
+"""Of pendants' cones outside (chosen: green, ochre, graphite); inside they are as white as a shade."""
 WARM_RGB: Vector = (1.846, 0.826, 0.233)
 """Light of an incandescent lamp (CIE illuminant A) in linear Rec. 709 at luminance 1."""
 NEUTRAL_RGB: Vector = (1.414, 0.924, 0.533)  # light of 4000 K, likewise
@@ -87,8 +91,10 @@ def _pendant(
     high, narrow = (0.22, radius) if choice < 0.7 else (0.2, radius * 0.35)
     wall, top = 0.003, low + high
     outline = [(radius - wall, low), (radius, low), (narrow, top), (narrow - wall, top), (radius - wall, low)]
-    shade = lathe(outline, 40)
-    return ([(shade, SHADE, 0.0), bulb], []) if choice < 0.7 else ([bulb], [(shade, SHADE)])
+    if choice < 0.7:
+        return [(lathe(outline, 40), SHADE, 0.0), bulb], []
+    enamel = ENAMELS[min(int((choice - 0.7) * 10), 2)]
+    return [bulb], [(lathe(outline[:4], 40), enamel), (lathe(outline[3:], 40), SHADE)]
 
 
 # What hangs at windows: curtains on their rods, roller and venetian blinds.

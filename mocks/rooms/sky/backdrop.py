@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from mocks.rooms.noise import fractal, rough, smoothstep
-from mocks.rooms.sky.street import House, Tree, draw_street
+from mocks.rooms.sky.street import LEAVES, House, Tree, draw_street
 from mocks.worlds.light import Vector
 from processing.ground.arrays import Doubles, Floats, Reals
 
@@ -20,6 +20,7 @@ from processing.ground.arrays import Doubles, Floats, Reals
 
 BARK = (0.095, 0.075, 0.055)
 LEAVES_M = 0.55  # size of a bunch of leaves
+LEAVES_A_BUNCH = 5  # chosen: across it
 
 
 def paint_tree(band: "Backdrop", tree: Tree, eye_height_m: float) -> None:
@@ -57,14 +58,18 @@ def _ball(band: "Backdrop", tree: Tree, aside_m: float, over_eye_m: float, radiu
     place = np.float32(5 * aside_m + 3 * over_eye_m)
     scale = np.float32(radius_m / LEAVES_M)
     leaves = rough(u * scale + place, v * scale + place, pixel_m / LEAVES_M)
+    # Single leaves, down to half a pixel: the sky shows through between them.
+    single = rough(
+        LEAVES_A_BUNCH * (v * scale + place), LEAVES_A_BUNCH * u * scale, 0.5 * LEAVES_A_BUNCH * pixel_m / LEAVES_M
+    )
     rho = np.sqrt(u * u + v * v)
-    alpha = smoothstep(-0.10, 0.10, 0.85 - rho + 0.75 * leaves)
+    alpha = smoothstep(-0.10, 0.10, 0.85 - rho + 0.75 * leaves + 0.5 * single)
     facing = np.sqrt(np.clip(1 - np.minimum(rho, 1) ** 2, 0.05, 1))
     s, c = math.sin(azimuth), math.cos(azimuth)
     tilt = 1.4 * rough(v * scale + place, u * scale, pixel_m / LEAVES_M)
     normal = np.stack([(u + tilt) * c - facing * s, -(u + tilt) * s - facing * c, v + 0.35 + 0.8 * leaves], axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    shade = (0.45 + 0.55 * openness) * (0.95 + 0.2 * v + 1.1 * leaves)
+    shade = (0.45 + 0.55 * openness) * (0.95 + 0.2 * v + 0.9 * leaves + 0.9 * single)
     albedo = np.array(tree.leaves, np.float32) * (1.5 * np.clip(shade, 0.12, 2.0))[..., None]
     row = row_of(np.arctan2(over_eye_m, distance_m))
     at = column_of(np.asarray(azimuth + math.atan2(aside_m, distance_m)))
@@ -163,25 +168,21 @@ def paint(seed: int, eye_height_m: float) -> Backdrop:
 
 
 def _woods(band: Backdrop, seed: int, eye_height_m: float) -> None:
-    """Paint three belts of far trees, each nearer one darker and clearer."""
-    azimuth = (np.arange(COLUMNS) + 0.5) * PIXEL_RAD - math.pi
-    first = int(row_of(np.asarray(math.radians(7))))
-    elevation = TOP_RAD - (np.arange(first, int(row_of(np.asarray(math.radians(-3))))) + 0.5) * PIXEL_RAD
-    x, y = np.sin(azimuth).astype(np.float32), np.cos(azimuth).astype(np.float32)
-    for k, (distance_m, height_m) in enumerate(((900.0, 42.0), (380.0, 15.0), (170.0, 9.0))):
-        scale = np.float32(distance_m / 25)
-        relief = fractal(seed + 11 + k, x * scale * 0.3, y * scale * 0.3, 0.0, 3)
-        leaves = fractal(seed + 21 + k, x * scale * 3, y * scale * 3, 0.0, 3)
-        top = np.arctan((height_m * (1 + 0.45 * relief + 0.12 * leaves) - eye_height_m) / distance_m)
-        foot = -math.atan(eye_height_m / distance_m)
-        alpha = np.clip((top[None, :] - elevation[:, None]) / PIXEL_RAD + 0.5, 0, 1)
-        alpha *= np.clip((elevation[:, None] - foot) / PIXEL_RAD + 0.5, 0, 1)
-        across = np.broadcast_to(azimuth * distance_m / 4, alpha.shape)
-        up = np.broadcast_to(elevation[:, None] * distance_m / 4, alpha.shape)
-        grain = 1 + 0.7 * rough(across, up, distance_m * PIXEL_RAD / 4)
-        albedo = np.array((0.050, 0.085, 0.032), np.float32) * grain[..., None]
-        normal = np.stack([-0.6 * x, -0.6 * y, np.full(COLUMNS, 0.8)], axis=-1)
-        band.put(first, 0, alpha, Coat(albedo, normal[None], 0.0, haze_of(1.4 * distance_m)))
+    """Paint three belts of far trees, each nearer one clearer; a tree is a ball of leaves, lit as others are."""
+    rng = np.random.default_rng([seed, 7307])
+    for distance_m, height_m in ((900.0, 42.0), (380.0, 15.0), (170.0, 9.0)):
+        spacing_m = 0.4 * height_m
+        azimuth = np.arange(0.0, 2 * math.pi, spacing_m / distance_m)
+        at = azimuth.astype(np.float32) * np.float32(distance_m / 80)
+        relief = 1 + 0.45 * fractal(seed + 11 + round(distance_m), at, at, 0.0, 3)
+        for row in (1.0, 0.7, 0.4):
+            turns = azimuth + rng.uniform(-1, 1, azimuth.size) * spacing_m / distance_m
+            tops = height_m * relief * row * rng.uniform(0.85, 1.1, azimuth.size)
+            kinds = rng.integers(len(LEAVES), size=azimuth.size)
+            for turn, top_m, kind in zip(turns.tolist(), tops.tolist(), kinds.tolist(), strict=True):
+                radius_m = 0.3 * height_m
+                tree = Tree(distance_m * math.sin(turn), distance_m * math.cos(turn), top_m, 0.0, 0.0, LEAVES[kind], 0)
+                _ball(band, tree, 0.0, top_m - radius_m - eye_height_m, radius_m, 0.8)
 
 
 def _house(band: Backdrop, house: House, eye_height_m: float) -> None:
