@@ -249,6 +249,8 @@ together must be within that (chosen)."""
 SHADE, SHADE_TIMES, SHADE_COLOUR, SHADE_REACH_M = 0.06, 2.0, 0.5, 0.9
 """The same for shade; its colour may be off by so much of its depth (chosen)."""
 SHADE_STEEP = 0.25  # tone by which it changes within 0.1 m at most: it runs out, things end (chosen)
+SHADE_WIDE = np.ones((round(0.16 * WALL_PX_PER_M),) * 2, np.uint8)  # narrower is a picture's frame (chosen)
+MOUNT = np.ones((round(0.12 * WALL_PX_PER_M),) * 2, np.uint8)  # between a frame and its picture (chosen)
 TOUCH_M, LEAST_TEXELS = 0.1, 200  # from what is removed, where shade begins; of a wall that must be seen (chosen)
 FRAME = np.ones((2 * round(0.12 * WALL_PX_PER_M) + 1,) * 2, np.uint8)  # around windows and doors, their frames (chosen)
 
@@ -296,9 +298,12 @@ def _left_on(light: Floats, known: Flags, gone: Flags, plane: Plane) -> Floats:
     high, low = (np.where(known, dark, far).astype(np.float32) for far in (-9, 9))
     brush = np.ones((3, 3), np.uint8)
     soft &= cv2.dilate(high, brush) - cv2.erode(low, brush) < SHADE_STEEP
-    # A picture that what is removed comes near to stays whole.
+    soft &= cv2.morphologyEx((soft | gone).astype(np.uint8), cv2.MORPH_OPEN, SHADE_WIDE).astype(bool)
+    # A picture that what is removed comes near to stays whole, with its frame around its mount.
     things = odd & ~soft
-    _, labels = cv2.connectedComponents(things.astype(np.uint8), connectivity=8)
+    mount = MOUNT if plane.index >= FIRST_WALL else brush[:1, :1]
+    joined = cv2.morphologyEx(things.astype(np.uint8), cv2.MORPH_CLOSE, mount)
+    _, labels = cv2.connectedComponents(joined, connectivity=8)
     near, whole = (np.bincount(labels.ravel(), part.ravel()) for part in (things & (away < ODD_REACH_M), things))
     stays = things & (near < ODD_NEAR * whole)[labels]
     marks = known & ~stays & ((odd & (away < ODD_REACH_M)) | (soft & (away < SHADE_REACH_M)))
