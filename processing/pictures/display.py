@@ -1,9 +1,10 @@
 """How a room's pictures are shown: balanced, exposed, the view outside kept, on a film curve; measured values stay.
 
 One `Display` belongs to a room and serves all its states, so that before and after compare. Light goes to the screen in
-five steps: adaptation to the screen's white and exposure (one matrix); the window pull, as a photographer blends in a
-darker exposure; large highlights are lowered and keep their texture; what is nearly white becomes whiter; and `film`,
-which rolls highlights off. ``panorama.ts`` of the viewer has the same film, on light that has been through the others.
+six steps: adaptation to the screen's white and exposure (one matrix); whites that a blue sky lights become whiter; the
+window pull, as a photographer blends in a darker exposure; large highlights are lowered and keep their texture; what is
+nearly white becomes whiter; and `film`, which rolls highlights off. ``panorama.ts`` of the viewer has the same film, on
+light that has been through the others.
 """
 
 import math
@@ -19,6 +20,7 @@ import numpy.typing as npt
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Doubles, Flags, Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS, RGB_OF_XYZ, XYZ_OF_RGB, luminance_cd_m2, srgb_decoded
+from processing.ground.kernels import compiled
 from processing.ground.seam import row_solid_angles, wrapped
 from processing.ground.threads import side_by_side
 
@@ -36,6 +38,9 @@ CALM, CALM_SPREAD = 0.6, 0.2
 """Share of its distance from grey that is taken from what is nearly grey; spread of its channels over the luminance, at
 which half of that is taken. White paint is lit by sky, lawn and floor at once, and one white corrects for one of them.
 Chosen on 16 rooms of validation seeds (docs/measurements/render.md)."""
+BLUE, LEAST_SKY, INDOORS = 1.1, 0.03, 2.0
+"""Blue over luminance of a blue sky; share of a view's light that is as blue, from which the sky is; level up to which
+something may be white in its light (from one below on less and less), above is the view. Chosen by looking."""
 BRIGHT_SHARE, BRIGHT_LEVEL = 0.75, 0.52
 """Three quarters of the room, windows apart, are darker than this level of the film: light walls are then light, and
 not white. Chosen by looking at simulated and real rooms."""
@@ -71,6 +76,8 @@ class Display:
     """What is taken for white: "board", "windows", "surfaces", each of them also "and ceiling"; "given": as it was."""
     views: tuple[int, ...] | None = None
     """Of the room's openings those that show a view in the photograph; None: all."""
+    sky: tuple[float, ...] | None = None
+    """(3,): colour of the sky seen through panes, balanced, of luminance 1; None: no blue one is seen."""
 
     @property
     def exposure(self) -> float:
@@ -104,11 +111,14 @@ class Display:
         try:
             views = facts.get("views")
             given = float(facts["pull"]), str(facts["source"]), None if views is None else tuple(map(int, views))
-            found = cls(tuple(float(v) for v in facts["matrix"]), *given)
+            sky = facts.get("sky")
+            found = cls(tuple(map(float, facts["matrix"])), *given, None if sky is None else tuple(map(float, sky)))
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise ParameterError("not display parameters", advice="process the session again") from error
-        if len(found.matrix) != 9 or not 0 < found.pull <= 1 or not np.isfinite(found.matrix).all():
+        if len(found.matrix) != 9 or not 0 < found.pull <= 1 or not np.isfinite((*found.matrix, *(sky or ()))).all():
             raise ParameterError("a display's matrix has 9 numbers, its pull is above 0 and at most 1")
+        if found.sky is not None and (len(found.sky) != 3 or found.sky[2] <= 1):
+            raise ParameterError("a display's sky has 3 numbers, of which the last is above 1")
         return found
 
     def light(self, rgb: Floats, panes: npt.NDArray[Any] | None = None, *, around: bool = True) -> Floats:
@@ -118,10 +128,15 @@ class Display:
         is a whole panorama, whose left edge goes on at the right.
         """
         out, reach = self.balanced(rgb), max(2, round(_REACH_RAD / math.pi * len(rgb)) if around else len(rgb) // 150)
+        if self.sky is not None:
+            bluer = np.asarray(self.sky, np.float32) - 1
+            side_by_side(
+                lambda top: _skylit(out[top : top + _TABLED_ROWS], bluer, CALM), range(0, len(rgb), _TABLED_ROWS)
+            )
         if panes is not None and self.pull < 1 and panes.any():
             _pull(out, panes, self.pull, self.balanced(np.ones((1, 1, 3), np.float32))[0, 0], reach, around=around)
         _lower_highlights(out, reach, around=around)
-        side_by_side(lambda top: _calm(out[top : top + _TABLED_ROWS]), range(0, len(rgb), _TABLED_ROWS))
+        side_by_side(lambda top: _calm(out[top : top + _TABLED_ROWS], CALM), range(0, len(rgb), _TABLED_ROWS))
         return out
 
     def balanced(self, rgb: Floats) -> Floats:
@@ -215,7 +230,18 @@ def display_of(
     outside = outside & (level * exposure > LEAST_VIEW)
     view = _weighted_quantile(level[outside], weight[outside], VIEW_SHARE) * exposure
     pull = float(np.clip(VIEW_LEVEL / view, 2.0**-MOST_PULL_STOPS, 1.0)) if view > 0 else 1.0
-    return Display(tuple(float(v) for v in (exposure * adapted).ravel()), pull, source)
+    sky = _sky(sample[outside] @ adapted.T, weight[outside])
+    return Display(tuple(float(v) for v in (exposure * adapted).ravel()), pull, source, sky=sky)
+
+
+def _sky(view: Doubles, weight: Doubles) -> tuple[float, ...] | None:
+    """Return the colour of luminance 1 of what is blue in a view (N, 3), of shares ``weight`` (N,); None: none is."""
+    level = luminance_cd_m2(view)
+    light, blue = weight * level, (view[:, 2] > BLUE * level) & (view[:, 0] < level)
+    if not light[blue].sum() > LEAST_SKY * light.sum():
+        return None
+    rgb = weight[blue] @ view[blue]
+    return tuple(float(v) for v in rgb / (rgb @ np.asarray(LUMINANCE_WEIGHTS)))
 
 
 def _white(rgb: Floats, board_rgb: Doubles | None, panes: Flags | None) -> tuple[Doubles, str]:
@@ -314,13 +340,41 @@ def _lower_highlights(light: Floats, reach: int, *, around: bool) -> None:
             light[top : top + _TABLED_ROWS] *= np.exp2(-base * base / (HIGHLIGHT_STOPS + base))
 
 
-def _calm(light: Floats) -> None:
-    """Bring in place what is nearly grey (H, W, 3) nearer to grey, at the same luminance; strong colours stay."""
-    level, planes = luminance_cd_m2(light), cv2.split(light)
-    least, most = cv2.min(cv2.min(*planes[:2]), planes[2]), cv2.max(cv2.max(*planes[:2]), planes[2])
-    spread = (most - least) / (np.float32(CALM_SPREAD) * level + np.float32(1e-9))
-    share = np.float32(CALM) / (1 + np.square(spread * spread))
-    cv2.merge([plane + (level - plane) * share for plane in planes], light)
+@compiled
+def _calm(light, most):  # type: ignore[no-untyped-def]
+    """Bring in place what is nearly grey (H, W, 3) nearer to grey by ``most`` (a share), at the same luminance."""
+    red, green, blue = LUMINANCE_WEIGHTS
+    for i in range(light.shape[0]):
+        for j in range(light.shape[1]):
+            r, g, b = light[i, j]
+            level = red * r + green * g + blue * b
+            spread = (max(r, g, b) - min(r, g, b)) / (CALM_SPREAD * level + 1e-9)
+            share = most / (1 + spread**4)
+            for c in range(3):
+                light[i, j, c] += np.float32((level - light[i, j, c]) * share)
+
+
+@compiled
+def _skylit(light, bluer, most):  # type: ignore[no-untyped-def]
+    """Bring in place what may be white in the sky's light (H, W, 3) nearer to white by ``most``, at the same luminance.
+
+    ``bluer`` (3,): the sky's colour less white. A colour between both is taken for a white one that the sky lights in
+    part; what is bluer than the sky keeps its colour by as much, and so does what is as bright as a view.
+    """
+    red, green, blue = LUMINANCE_WEIGHTS
+    size = bluer[0] ** 2 + bluer[1] ** 2 + bluer[2] ** 2
+    for i in range(light.shape[0]):
+        for j in range(light.shape[1]):
+            r, g, b = light[i, j]
+            level = red * r + green * g + blue * b
+            if b <= level or level >= INDOORS:
+                continue
+            r, g, b = r / level - 1, g / level - 1, b / level - 1
+            along = (r * bluer[0] + g * bluer[1] + b * bluer[2]) / size
+            aside = (r * r + g * g + b * b - along * along * size) / CALM_SPREAD**2
+            share = most * level * max(min(along, 2 - along, INDOORS - level, 1.0), 0.0) / (1 + aside * aside)
+            for c in range(3):
+                light[i, j, c] -= np.float32(share * bluer[c])
 
 
 def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, reach: int, *, around: bool) -> None:

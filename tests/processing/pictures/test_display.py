@@ -112,6 +112,29 @@ def test_a_bright_edge_has_no_stairs_and_all_else_stays() -> None:
     np.testing.assert_array_equal(developed(dim), screen(dim))
 
 
+def test_white_in_the_skys_light_is_white_where_a_blue_sky_is_seen_and_blue_cloth_stays_blue() -> None:
+    """Sky of 12,000 K against the room's white, by CIE D12000 in linear Rec. 709."""
+    rgb, panes = room()
+    sky = np.array([0.78, 1.0, 1.62])
+    rgb[panes] *= sky.astype(np.float32)
+    lit = (3 * sky + 1) / 4
+    rgb[40:50, :60], rgb[40:50, 60:] = 60 * WARM * lit, 30 * WARM * lit * [0.25, 0.45, 1.0]
+    found = display_of(rgb, board_rgb=WARM, panes=panes)
+    assert found.sky is not None
+    assert found.sky == pytest.approx(tuple(sky / luminance_cd_m2(sky)), rel=0.05)  # Bradford
+    before, after = (one.light(rgb, panes) for one in (replace(found, sky=None), found))
+    white, blue = (np.s_[44, k] for k in (20, 100))
+    off = [lab_of_linear(one[white][None].astype(float), np.ones(3))[0, 2] for one in (before, after)]
+    assert off[0] < -12
+    assert abs(off[1]) < 0.5 * abs(off[0])
+    np.testing.assert_allclose(after[blue], before[blue], rtol=0.02)
+    np.testing.assert_allclose(luminance_cd_m2(after[white]), luminance_cd_m2(before[white]), rtol=1e-3)
+    np.testing.assert_array_equal(after[panes], before[panes])  # the view
+    assert Display.read(json.loads(json.dumps(found.to_dict()))) == found
+    grey, seen = room()
+    assert display_of(grey, board_rgb=WARM, panes=seen).sky is None
+
+
 def test_the_view_is_nearer_to_the_cameras_own_white_than_the_room(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("processing.pictures.display.CALM", 0.0)  # of the pull alone
     monkeypatch.setattr("processing.pictures.display.HIGHLIGHT_STOPS", 1e9)
