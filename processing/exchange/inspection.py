@@ -11,6 +11,7 @@ import numpy as np
 from processing.errors import ParameterError, PictureFileError
 from processing.ground.arrays import Bytes, Doubles, Floats
 from processing.pictures.exr import read_any_exr
+from processing.pictures.frames import refuse_early_end
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.pictures.panorama import read_tags
 from processing.pictures.radiance import read_radiance_hdr
@@ -95,6 +96,7 @@ def _eight_bit(path: Path) -> OpenPicture:
             packet = image.info.get("xmp") or image.info.get("XML:com.adobe.xmp") or b""
     except (OSError, UnidentifiedImageError, ValueError, Image.DecompressionBombError) as error:
         raise PictureFileError(f"cannot be read: {error}", where=str(path)) from error
+    refuse_early_end(path.read_bytes(), str(path))
     text = packet.encode() if isinstance(packet, str) else bytes(packet)
     attributes: dict[str, object] = {f"GPano:{name}": value for name, value in read_tags(path).gpano.items()}
     attributes |= {"edited": b"compositeSynthetic" in text, "staged": b'daylit:Staged="True"' in text}

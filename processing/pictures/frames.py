@@ -260,6 +260,19 @@ def _jpeg_size(data: bytes, name: str) -> tuple[int, int]:
     raise damaged_picture(name, "it has no frame header")
 
 
+def refuse_early_end(data: bytes, name: str) -> None:
+    """Raise `PictureFileError` for a JPEG or PNG that ends well-formed, before its last row: Pillow shows the rest."""
+    import cv2
+
+    try:
+        if data.startswith(b"\xff\xd8"):
+            simplejpeg.decode_jpeg(data, "GRAY", strict=True)
+        elif data.startswith(b"\x89PNG") and cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) is None:
+            raise ValueError("its picture data end early")
+    except (ValueError, MemoryError, cv2.error) as error:
+        raise damaged_picture(name, str(error)) from error
+
+
 def _lossless_size(data: bytes, name: str) -> tuple[int, int]:
     """Return width and height that the file says it has, after what checks its format allows."""
     import warnings

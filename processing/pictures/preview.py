@@ -12,6 +12,7 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Flags, Floats
 from processing.ground.colour import luminance_cd_m2, srgb_of_linear
+from processing.pictures.frames import refuse_early_end
 from processing.pictures.writing import check_size, refused, write_bytes
 
 if TYPE_CHECKING:
@@ -103,7 +104,9 @@ def read_mask(path: Path) -> Flags:
         with Image.open(io.BytesIO(raw), formats=("PNG", "JPEG", "BMP", "TIFF")) as picture:
             # Before anything is decoded: a small file may claim any size.
             check_size(picture.width, picture.height, path)
-            return _marked(picture, path)
+            marked = _marked(picture, path)
+            refuse_early_end(raw, str(path))
+            return marked
     # Decoders raise whatever their formats make of damaged bytes.
     except (OSError, SyntaxError, ValueError, EOFError, TypeError, Image.DecompressionBombError) as error:
         why = str(error).partition(" <")[0]  # Pillow adds the object it was given

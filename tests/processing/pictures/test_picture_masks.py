@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import io
+import struct
+import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +13,7 @@ import pytest
 from PIL import Image
 
 from processing.errors import PictureFileError
+from processing.exchange.inspection import open_picture
 from processing.pictures.preview import read_mask, write_mask
 from processing.pipeline import Artifact
 from processing.running.artifacts import Shelf, load, save
@@ -48,6 +53,32 @@ def test_values_without_a_known_white_are_refused(tmp_path: Path, kind: type, mo
     Image.fromarray(mask().astype(kind)).save(tmp_path / "m.tif")
     with pytest.raises(PictureFileError, match=f"of the kind {mode}"):
         read_mask(tmp_path / "m.tif")
+
+
+def early(path: Path, kind: str, rows: int = 40) -> None:
+    """Write a picture of so many rows whose data end well-formed after half of them."""
+    codes = np.random.default_rng(4).integers(0, 256, (rows, 64), np.uint8)
+    Image.fromarray(codes).save(data := io.BytesIO(), kind)
+    whole = data.getvalue()
+    if kind == "JPEG":
+        path.write_bytes(whole[: len(whole) // 2] + b"\xff\xd9")
+        return
+    lines = zlib.compress(b"".join(b"\0" + row.tobytes() for row in codes[: rows // 2]))
+    at = whole.index(b"IDAT") - 4
+    chunk = b"IDAT" + lines
+    end = b"\0\0\0\0IEND\xae\x42\x60\x82"
+    path.write_bytes(whole[:at] + struct.pack(">I", len(lines)) + chunk + struct.pack(">I", zlib.crc32(chunk)) + end)
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG"])
+@pytest.mark.parametrize("read", [read_mask, open_picture])
+def test_a_picture_that_ends_early_but_well_formed_is_refused(
+    tmp_path: Path, kind: str, read: Callable[[Path], object]
+) -> None:
+    """Pillow shows what there is, and the rest black."""
+    early(tmp_path / "m.pic", kind)
+    with pytest.raises(PictureFileError, match=r"m\.pic"):
+        read(tmp_path / "m.pic")
 
 
 def test_transparent_is_not_marked(tmp_path: Path) -> None:
