@@ -51,7 +51,10 @@ def capture(**options: Any) -> int:
     if options["every"]:
         parse_every(options["every"])
         parse_until(options["until"], SystemClock().utc_now())
-    with closing(_open(_rig_file(options), options["simulate"], options)) as rig:
+    file = _rig_file(options)
+    if not _is_replay(options):
+        _plan(file, options)
+    with closing(_open(file, options["simulate"], options)) as rig:
         if options["every"] or len(rooms) > 1:
             return _run_day(rig, rooms, request, options)
         return _follow(Capture.new(rig, request), rig, options)
@@ -154,9 +157,9 @@ def _run_day(rig: Rig, rooms: tuple[str, ...], request: CaptureRequest, options:
 
 def _changes(options: dict[str, Any]) -> dict[str, Any]:
     """Return the tables of the rig file that the command line takes away."""
-    changes: dict[str, Any] = {}
-    if options["only"]:
-        changes["outdoor" if options["only"] == "indoor" else "indoor"] = None
+    changes: dict[str, Any] = {
+        side: None for side in ("indoor", "outdoor") if options["only"] and side not in options["only"]
+    }
     if options["no_meter"]:
         changes["meter"] = None
     return changes
@@ -171,7 +174,7 @@ def _rig_file(options: dict[str, Any]) -> RigFile:
     file = PAPER_RIG if simulated else load_rig(find_rig_file(options["rig_path"]))
     file = _typed(file.model_copy(update=_changes(options)), options)
     if not file.cameras():
-        table = f"[{options['only']}]" if options["only"] else "[indoor] or [outdoor]"
+        table = " or ".join(f"[{side}]" for side in options["only"] or ("indoor", "outdoor"))
         text, where = f"has no {table} table: no camera to capture with", str(options["rig_path"] or "rig.toml")
         raise RigError(text, where=where, advice="write an example: daylit doctor --write-rig FILE")
     return file
@@ -266,13 +269,11 @@ def _recorded_rig(manifest: SessionManifest, where: str) -> RigFile:
 
 def dry_run(file: RigFile, options: dict[str, Any]) -> int:
     """Print the table; `UsageError` for a stop that a camera of the rig does not have."""
-    from station.capture import bracket
     from station.capture.bracket import TYPICAL_READING_S, estimate_bracket, light_drift, typical_cost
     from station.capture.reference import MOST_FURTHER, MOST_FURTHER_S
 
     tables = file.cameras()
-    plan = bracket.plan_of(file, bracket.parse_shutters(options["stops"]), options["bracket"], options["noise"])
-    _require_stops(file, plan)
+    plan = _plan(file, options)
     costs = {side: typical_cost(table.kind, keep_raw=table.keep_raw) for side, table in tables.items()}
     reading_s = (TYPICAL_READING_S,) * 2 if file.meter and file.meter.is_read else ()
     estimate = estimate_bracket(plan, costs, reading_s=reading_s)
@@ -293,11 +294,13 @@ def dry_run(file: RigFile, options: dict[str, Any]) -> int:
     return answer({"mode": plan.mode, "rows": rows, **totals, **drift._asdict()}, lines, as_json=options["as_json"])
 
 
-def _require_stops(file: RigFile, plan: BracketPlan) -> None:
-    from station.capture.bracket import unavailable_stops
+def _plan(file: RigFile, options: dict[str, Any]) -> BracketPlan:
+    """Return the bracket asked for; `UsageError` for stops that are none, or that a camera of the rig lacks."""
+    from station.capture.bracket import parse_shutters, plan_of, unavailable_stops
     from station.capture.rig import known_times_s
     from station.errors import UsageError
 
+    plan = plan_of(file, parse_shutters(options["stops"]), options["bracket"], options["noise"])
     lacking = [
         f"{side} ({table.kind}): {', '.join(names)}"
         for side, table in file.cameras().items()
@@ -306,6 +309,7 @@ def _require_stops(file: RigFile, plan: BracketPlan) -> None:
     if lacking:
         advice = "change --stops, or [bracket] stops of the rig"
         raise UsageError(f"stops that a camera does not have: {'; '.join(lacking)}", where="bracket", advice=advice)
+    return plan
 
 
 def _table(estimate: Estimate) -> Iterator[str]:

@@ -81,7 +81,13 @@ def _lines(check: Check) -> Iterator[str]:
 
 @click.command(params=parameters(__package__, "conform"))
 def conform(
-    given: Path | None, simulate: str | None, only: str | None, record: Path | None, *, may_delete: bool, as_json: bool
+    given: Path | None,
+    simulate: str | None,
+    only: tuple[str, ...],
+    record: Path | None,
+    *,
+    may_delete: bool,
+    as_json: bool,
 ) -> int:
     """Run the conformance tests on the rig's instruments; takes about eight pictures per camera.
 
@@ -104,7 +110,9 @@ def conform(
                 said = printable(f"{outcome.instrument} {outcome.name.replace('_', ' ')}: {outcome.detail}")
                 click.echo(f"{_mark(outcome)}  {said}")
     if not outcomes:
-        raise UsageError(f"the rig has no {only or 'instrument'}", where="conform", advice="choose another instrument")
+        raise UsageError(
+            f"the rig has no {' or '.join(only) or 'instrument'}", where="conform", advice="choose another instrument"
+        )
     passed = all(o.passed for o in outcomes)
     facts = {"ok": passed, "simulated": rig.simulated, "outcomes": [asdict(o) for o in outcomes]}
     return answer(facts, (), as_json=as_json, exit_code=int(not passed))
@@ -124,14 +132,14 @@ def _while_there(outcomes: Iterator[Outcome]) -> Iterator[Outcome]:
             return
 
 
-def _run(rig: Rig, only: str | None, *, may_delete: bool) -> Iterator[Outcome]:
+def _run(rig: Rig, only: tuple[str, ...], *, may_delete: bool) -> Iterator[Outcome]:
     from station.capture.conform import CameraBench, run_camera, run_meter
 
     for side, camera in rig.cameras.items():
-        if only in (None, side.value):
+        if not only or side.value in only:
             settings = rig.file.cameras()[side].settings()
             yield from _while_there(run_camera(CameraBench(camera, settings, rig.clock, may_delete=may_delete)))
-    if rig.meter is not None and only in (None, "meter"):
+    if rig.meter is not None and (not only or "meter" in only):
         yield from _while_there(run_meter(rig.meter, rig.clock))
 
 

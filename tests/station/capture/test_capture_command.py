@@ -16,6 +16,7 @@ from station.capture.conform import Outcome
 from station.capture.preflight import Check, Level
 from station.capture.rig import Rig
 from station.capture.rig_file import PAPER_INDOOR, PAPER_OUTDOOR, RigFile
+from station.commands import capture as commands
 from station.commands import instruments
 from station.commands.views import printable
 
@@ -49,6 +50,17 @@ def test_an_example_rig_is_answered_as_json(tmp_path: Path, capsys: pytest.Captu
     path = tmp_path / "rig.toml"
     assert daylit.main(["doctor", "--write-rig", str(path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"ok": True, "file": str(path)}
+
+
+@pytest.mark.parametrize(
+    ("only", "missing"),
+    [((), set()), (("indoor",), {"outdoor"}), (("outdoor",), {"indoor"}), (("indoor", "outdoor"), set())],
+)
+def test_only_may_name_both_cameras(only: tuple[str, ...], missing: set[str]) -> None:
+    """--only indoor --only outdoor took the outdoor camera alone."""
+    (option,) = (o for o in commands.capture.params if o.name == "only")
+    assert option.type_cast_value(None, only) == only  # type: ignore[arg-type]
+    assert set(commands._changes({"only": only, "no_meter": False})) == missing
 
 
 def test_conform_without_the_instrument_has_not_passed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
