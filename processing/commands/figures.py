@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import math
 from dataclasses import replace
@@ -36,7 +37,7 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
       daylit figures bracket --view fisheye,equisolid,180 --response camera.rsp --cal vignetting.cal --cal factor.cal
     """
     from processing.pictures.panorama import ADOBE, read_tags
-    from station.session.durable import disk_errors
+    from processing.pictures.writing import write_bytes
 
     image = _opened(file, asked)
     ends = (limits := asked["falsecolour_range"]) and numbers("--falsecolour-range", limits, 2, "lowest and highest")
@@ -52,15 +53,14 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
             known["uncertainty"] = known["uncertainty"] and math.hypot(known["uncertainty"], off)
         why["movement"] = "what moved between frames is not judged: keep people and doors still, or use daylit process"
     if table is not None:
-        with disk_errors(table, "writing"), table.open("w", newline="", encoding="utf-8") as out:
-            rows = csv.writer(out)
-            rows.writerow(["figure", "value", "standard_uncertainty", "bound"])
-            rows.writerows([name, one["value"], one["uncertainty"], one["bound"]] for name, one in found.items())
+        rows = csv.writer(out := io.StringIO(newline=""))
+        rows.writerow(["figure", "value", "standard_uncertainty", "bound"])
+        rows.writerows([name, one["value"], one["uncertainty"], one["bound"]] for name, one in found.items())
+        write_bytes(table, out.getvalue().encode())
     if falsecolour is not None:
         from processing.calibration.scale.photometry import luminance_map
         from processing.pictures.false_colour import display_range, false_colour, legend, with_legend
         from processing.pictures.preview import jpeg_bytes, png_bytes
-        from processing.pictures.writing import write_bytes
 
         level = luminance_map(image)
         low, high = ends or display_range(level)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from processing.calibration.merge.merge import MergeOptions, merge
+from processing.calibration.merge.motion import check_view
 from processing.calibration.optics import glare_taken_off
 from processing.calibration.outdoor.lens import find_image_circle
 from processing.calibration.response.response import WHITE_CODE, estimate_noise, recover_response
@@ -109,9 +110,11 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
     # All as the first one: pointed upwards, a camera does not know how it is held
     turned = (np.rot90(source.decode(reduce), frames[0].turns) for source in sources)
     codes = [np.ascontiguousarray(one, dtype=np.uint8) for one in turned]
+    falling = sorted(range(len(frames)), key=lambda k: -frames[k].time_s)
+    check_view([sources[k] for k in falling], [codes[k] for k in falling])
     rule = camera_rule(frames[0].model)
     times = [true_time_s(one.time_s, rule) if rule else one.time_s for one in frames]
-    bracket = Bracket8(codes, times, [one.time_s for one in frames])
+    bracket = Bracket8(codes, times, [one.time_s for one in frames], [one.path.name for one in frames])
     fit = recover_response([bracket], estimate_times=rule is None)
     curve, noise = fit.curve, fit.noise
     if response is None and curve.gauge_code != WHITE_CODE:

@@ -54,7 +54,7 @@ class SessionSide(SideBracket):
 
     def bracket(self, times_s: Sequence[float]) -> Bracket8:
         """Return the decoded frames (uint8 RGB) with their times."""
-        return Bracket8(decoded(self.frames), times_s)
+        return Bracket8(decoded(self.frames), times_s, names=[frame.name for frame in self.frames])
 
 
 def read_side(path: Path, side: Side, *, raw: bool = False) -> SessionSide | None:

@@ -322,7 +322,8 @@ def _recovered(bracket: brackets.SideBracket, codes: Sequence[Bytes]) -> CameraR
     check_view(bracket.frames, codes)
     rule = camera_rule(bracket.device.model) if bracket.device else None
     times_s = [true_time_s(nominal, rule) for nominal in bracket.nominal_s] if rule else bracket.nominal_s
-    fit = recover_response([Bracket8(codes, times_s, bracket.nominal_s)], estimate_times=rule is None)
+    names = [frame.name for frame in bracket.frames]
+    fit = recover_response([Bracket8(codes, times_s, bracket.nominal_s, names)], estimate_times=rule is None)
     source = f"rule of the camera: {rule}" if rule else "estimated"
     warnings = _warnings("response", bracket, fit.warnings)
     left = code_residuals(codes, fit.times_s, fit.curve)

@@ -104,7 +104,7 @@ def fit_daylit(samples: Samples, *, free_times: bool, priors: Sequence[CurvePrio
         for _ in range(_REFINE):
             fits, evidence = _quick(samples, times, priors)
             times += shutter.refine_times(evidence, tuple(wrong))
-    check_consistent(evidence, wrong, times - given, sloppy=shutter.SLOPPY_STOPS if free_times else 0.0)
+    check_consistent(samples, evidence, wrong, times - given, sloppy=shutter.SLOPPY_STOPS if free_times else 0.0)
     estimate = shutter.estimate_times(evidence, nominal, fitted=times, known=tuple(wrong))
     if free_times:
         times = np.log2(np.array(estimate.times_s))
@@ -235,7 +235,9 @@ def _held_out(
     return sum(misfit) / max(sum(half.count for half in halves), 1.0)
 
 
-def check_consistent(evidence: TimeEvidence, wrong: dict[int, float], off: Doubles, sloppy: float) -> None:
+def check_consistent(
+    samples: Samples, evidence: TimeEvidence, wrong: dict[int, float], off: Doubles, sloppy: float
+) -> None:
     """Refuse frames of which so many contradict their times that none can be believed.
 
     ``off``: (F,) stops by which times were changed so far; ``sloppy``: up to so many it is the shutter, and all times
@@ -246,9 +248,9 @@ def check_consistent(evidence: TimeEvidence, wrong: dict[int, float], off: Doubl
         return
     if max(np.abs(off).max(), 0.0 if more is None else abs(off[more[0]] + more[1])) <= sloppy:
         return
-    named = sorted({*wrong, *([more[0]] if more else [])})
+    named = [samples.names[frame] for frame in sorted({*wrong, *([more[0]] if more else [])})]
     raise ResponseError(
-        f"the frames and their times contradict each other (frames {', '.join(map(str, named))} most)",
+        f"the frames and their times contradict each other ({', '.join(named)} most)",
         where="response",
         likely="times in another order than the frames, frames of several scenes, or light that changed",
         advice="check that each frame has its own time",

@@ -231,11 +231,11 @@ def _noise_model(channels: Sequence[CodeNoise], gauge: Sequence[float] = (1.0, 1
 
 def _warnings(samples: Samples, fit: DaylitFit, gauge: int, *, free_times: bool) -> tuple[str, ...]:
     """Say what is odd about the frames."""
-    found = [f"frame {j} is the same picture as an earlier one: left out" for j in samples.duplicates]
+    found = [f"{samples.names[j]} is the same picture as an earlier one: left out" for j in samples.duplicates]
     for j, stops in fit.wrong_times.items():
         found.append(
-            f"frame {j}: its time {samples.given_s[j]:.6g} s contradicts the other frames by {stops:+.2f} stops; "
-            f"{np.exp2(fit.log2_times[j]):.6g} s is used"
+            f"{samples.names[j]}: its time {samples.given_s[j]:.6g} s contradicts the other frames by {stops:+.2f} "
+            f"stops; {np.exp2(fit.log2_times[j]):.6g} s is used"
         )
     estimate = fit.estimate
     if free_times and estimate.off_rule:

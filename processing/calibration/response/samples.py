@@ -38,6 +38,8 @@ class Bracket8:
     times_s: Sequence[float]
     given_s: Sequence[float] | None = None
     """The times as the user gave them, for messages; None: ``times_s``."""
+    names: Sequence[str] = ()
+    """Of the frames, for messages; empty: their numbers."""
 
     def check(self, where: str = "bracket") -> None:
         """Refuse what cannot be a bracket.
@@ -115,6 +117,8 @@ class Samples:
     bracket_of_frame: Int64s
     given_s: tuple[float, ...] = ()
     """As the user knows them."""
+    names: tuple[str, ...] = ()
+    """Of the frames of all brackets, for messages."""
     duplicates: tuple[int, ...] = ()
     """Frames left out since an earlier frame is the same picture with the same time."""
 
@@ -145,7 +149,8 @@ def take_samples(brackets: Sequence[Bracket8]) -> Samples:
     owner = np.concatenate([np.full(len(b.frames), i, dtype=np.int64) for i, b in enumerate(brackets)])
     assert len(channels) == 3
     given = tuple(float(t) for b in brackets for t in (b.times_s if b.given_s is None else b.given_s))
-    return Samples(channels, times, owner, given, tuple(duplicates))
+    names = tuple(name for b in brackets for name in b.names or [f"frame {k}" for k in range(len(b.frames))])
+    return Samples(channels, times, owner, given, names, tuple(duplicates))
 
 
 def _patches(bracket: Bracket8, count: int, rng: np.random.Generator) -> Bytes:

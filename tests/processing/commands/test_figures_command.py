@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import math
 from dataclasses import replace
@@ -25,6 +26,7 @@ from processing.pictures.exr import write_exr
 from processing.pictures.images import Validity
 from processing.pictures.radiance import write_radiance_hdr
 from processing.sphere import Fisheye, LensMapping, Perspective, directions
+from station.session import durable
 from tests.processing.pictures.picture_strategies import luminance_image
 
 FISHEYE = ("--view", "fisheye,equidistant,180")
@@ -96,6 +98,20 @@ def test_a_factor_without_an_uncertainty_leaves_it_unknown(tmp_path: Path, capsy
     assert "± unknown" in capsys.readouterr().out
     _, read = said(capsys, path, *FISHEYE, "--reading", "80@16,16")
     assert read["figures"]["dgp"]["uncertainty"] > 0
+
+
+def test_a_full_disk_leaves_the_table_that_was_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write_all(fd: int, data: bytes | memoryview) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    (table := tmp_path / "t.csv").write_text("before")
+    path = exr(tmp_path / "plain.exr")
+    monkeypatch.setattr(durable, "write_all", write_all)
+    assert error(capsys, path, "--csv", str(table))["code"] == "RES-001"
+    assert table.read_text() == "before"
+    assert {one.name for one in tmp_path.iterdir()} == {"plain.exr", "t.csv"}
 
 
 def test_clipped_light_is_said_to_be_a_bound(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

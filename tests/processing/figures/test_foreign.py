@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from processing.calibration.scale.photometry import illuminance_lx
-from processing.errors import ParameterError, PictureFileError
+from processing.errors import BracketError, ParameterError, PictureFileError
 from processing.figures.foreign import (
     _TURNS,
     Taken,
@@ -97,6 +97,18 @@ def test_a_bracket_without_a_response_is_scaled_by_its_speed(tmp_path: Path, dee
     assert illuminance_lx(found, AXIS).uncertainty_lx == pytest.approx(
         0.13 * illuminance_lx(found, AXIS).value_lx, rel=0.2
     )
+
+
+def test_a_frame_of_another_view_is_named(tmp_path: Path) -> None:
+    rng, taken = np.random.default_rng(5), []
+    scenes = [np.repeat(np.repeat(2 ** rng.uniform(0, 4, (12, 20)), 12, axis=0), 12, axis=1) for _ in range(2)]
+    for k in range(5):
+        shown = srgb_of_linear(np.minimum(scenes[k == 2] * 2.0 ** (-k - 2), 1)[..., None].repeat(3, axis=2))
+        path = tmp_path / f"{9 - k}.png"
+        assert cv2.imwrite(str(path), shown)
+        taken.insert(0, Taken(path, 2.0**-k, 5.6, 100, ""))
+    with pytest.raises(BracketError, match=r"^7\.png: another view"):
+        merged_bracket(taken, None, "equidistant", 180.0)
 
 
 def test_a_reading_sets_the_scale() -> None:

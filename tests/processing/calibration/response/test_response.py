@@ -129,9 +129,10 @@ def test_moved_pixels_and_blocks_are_left_out() -> None:
 def test_a_wrong_time_is_named_and_put_right(frame: int, factor: float) -> None:
     times = list(made().true_s)
     times[frame] *= factor
-    fit = recover_response([Bracket8(made().frames, times)])
+    names = [f"{k}.jpg" for k in range(9)]
+    fit = recover_response([Bracket8(made().frames, times, names=names)])
     assert list(fit.wrong_times) == [frame]
-    assert f"frame {frame}: its time" in fit.warnings[0]
+    assert fit.warnings[0].startswith(f"{frame}.jpg: its time")
     assert fit.times_s[frame] == pytest.approx(made().true_s[frame], rel=0.01)
     assert rms(fit.curve) < 0.006
 
