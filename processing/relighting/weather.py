@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from processing.calibration.outdoor.sun_place import Beam, Place, SunPlace, clear_beam, sun_place
-from processing.errors import DaylightError
+from processing.errors import DaylightError, ParameterError
 from processing.ground.arrays import Doubles, Vector
 from processing.ground.tables import table_of
 from processing.light.picture.relight_photo import with_captured_land
@@ -243,18 +243,18 @@ def parse_time(text: str, zone: tzinfo) -> datetime:
     """Return a time of ISO 8601 in UTC; one without a zone is as clocks in ``zone`` show it."""
     try:
         found = datetime.fromisoformat(text.strip())
-        if not 1 < found.year < 9999:  # in which any zone and any span of a day still have a date
-            raise ValueError(text)
     except ValueError as error:
         advice = 'write "2023-06-21 16:00", or with a zone: …T16:00+02:00'
-        raise DaylightError(f"not a time: {text!r}", advice=advice) from error
+        raise ParameterError(f"not a time: {text!r}", advice=advice) from error
+    if not 1 < found.year < 9999:  # in which any zone and any span of a day still have a date
+        raise ParameterError(f"{text!r} is too far from today", advice="give a year from 2 to 9998")
     return (found.replace(tzinfo=zone) if found.tzinfo is None else found).astimezone(UTC)
 
 
 def day_times(day: datetime, place: Place, zone: tzinfo, step: timedelta) -> list[datetime]:
     """Return the times of a local day, whole steps from midnight, at which the sun is at least 1 degree high."""
     if not timedelta(minutes=5) <= step <= timedelta(hours=6):
-        raise DaylightError(f"a step of {step}", advice="give 5 minutes to 6 hours, such as 30m or 1h")
+        raise ParameterError(f"a step of {step}", advice="give 5 minutes to 6 hours, such as 30m or 1h")
     local = day.astimezone(zone)
     midnight = local.replace(hour=0, minute=0, second=0, microsecond=0).astimezone(UTC)
     times = [midnight + k * step for k in range(math.ceil(timedelta(days=1) / step))]

@@ -154,8 +154,9 @@ def test_times() -> None:
     assert parse_time("2023-06-21 16:00", zone_named("America/New_York")) == datetime(2023, 6, 21, 20, tzinfo=UTC)
     assert parse_time("2023-06-21T16:00+02:00", UTC) == datetime(2023, 6, 21, 14, tzinfo=UTC)
     assert parse_time("2023-06-21T16:00Z", zone_named("-04:00")) == datetime(2023, 6, 21, 16, tzinfo=UTC)
-    with pytest.raises(DaylightError, match="not a time"):
-        parse_time("at noon", UTC)
+    for wrong, words in (("at noon", "not a time"), ("9999-06-21", "'9999-06-21' is too far")):
+        with pytest.raises(ParameterError, match=words):
+            parse_time(wrong, UTC)
     assert parse_time("2023-12-21 16:00", zone_at(40.44, -79.99)) == datetime(2023, 12, 21, 21, tzinfo=UTC)
     assert zone_at(None, None) is UTC
     assert with_zone(datetime(2023, 6, 21, 20, tzinfo=UTC), zone_at(40.44, -79.99)) == "2023-06-21 16:00 EDT"
