@@ -50,7 +50,7 @@ def index_rows(folder: Path, shares: Sequence[float], zone: str | None = None) -
     """Return the rows of all sessions in a folder, numbered from 1. Raises `ParameterError` where there is none."""
     ledger: dict[str, Row] = {}  # by session folder
     with suppress(OSError, UnicodeDecodeError, csv.Error):
-        reader = csv.DictReader(io.StringIO((folder / _LEDGER).read_text("utf-8"), newline=""))
+        reader = csv.DictReader(io.StringIO((folder / _LEDGER).read_text("utf-8-sig"), newline=""))
         ledger = {row["session"]: row for row in reader if row.get("session")}
     rows = []
     for index, path in enumerate(find_sessions(folder), 1):
@@ -66,7 +66,7 @@ def read_index(folder: Path) -> list[Row]:
     """Return the rows of a data set's index; raise `ParameterError` where there is none that can be read."""
     path = folder / INDEX_NAME
     try:
-        reader = csv.DictReader(io.StringIO(path.read_text("utf-8"), newline=""))
+        reader = csv.DictReader(io.StringIO(path.read_text("utf-8-sig"), newline=""))
         rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         advice = "create it with daylit dataset build"

@@ -176,19 +176,19 @@ def room_problems(data: Any) -> tuple[RoomModel | None, list[str]]:
     if not isinstance(data, dict):
         return None, ["not a JSON object"]
     try:
-        room = RoomModel.model_validate_json(json.dumps(data))
+        room = RoomModel.model_validate_json(json.dumps(data), strict=True)
     except ValidationError as exc:
         return None, strict_json.faults_of(exc)
     return room, [*geometry_problems(room), *([STARTER] if room.source == "starter" else [])]
 
 
-def check_room(data: Any) -> None:
+def check_room(data: Any, where: str = "room model") -> None:
     """Raise `RoomError` listing all that is wrong with a room in JSON data."""
     _, problems = room_problems(data)
     if problems:
         text = "; ".join(problems[:5]) + (f"; and {len(problems) - 5} more" if len(problems) > 5 else "")
         advice = "correct these keys; daylit room SESSION --check FILE lists them all"
-        raise RoomError(text, where="room model", advice=advice, problems=problems)
+        raise RoomError(text, where=where, advice=advice, problems=problems)
 
 
 def read_json(path: Path, refused: type[ProcessingError] = RoomError, most_bytes: int = MAX_ROOM_BYTES) -> Any:
@@ -208,7 +208,7 @@ def read_json(path: Path, refused: type[ProcessingError] = RoomError, most_bytes
 def read_room(path: Path) -> RoomModel:
     """Return the room in a file; `RoomError` lists all that is wrong with it."""
     data = read_json(path)
-    check_room(data)
+    check_room(data, str(path))
     return RoomModel.model_validate_json(json.dumps(data))
 
 

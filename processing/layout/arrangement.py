@@ -4,14 +4,19 @@ A piece stands where its local frame (`items.py`: floor middle of its footprint,
 x' = R_z(theta) x + t, t in metres of the room's frame (docs/reference/coordinates.md).
 """
 
+import json
 import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from processing.errors import LayoutError
+from processing.ground.room_model import read_json
 from processing.pictures.writing import write_bytes
+from station.session import strict_json
+
+MAX_BYTES = 1 << 26  # chosen: an arrangement takes a few kilobytes
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -97,6 +102,7 @@ class Arrangements(_Strict):
 def read_arrangements(path: Path) -> Arrangements:
     """Read `arrangement.json`; raise `LayoutError` where it is none."""
     try:
-        return Arrangements.model_validate_json(path.read_bytes())
-    except (OSError, ValueError) as error:
-        raise LayoutError(f"not a valid arrangement file: {str(error).splitlines()[0]}", where=path.name) from None
+        return Arrangements.model_validate_json(json.dumps(read_json(path, LayoutError, MAX_BYTES)))
+    except ValidationError as error:
+        found = "; ".join(strict_json.faults_of(error)[:3])
+        raise LayoutError(f"not a valid arrangement file: {found}", where=path.name) from None

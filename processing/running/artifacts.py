@@ -84,7 +84,7 @@ def _typed(artifact: Artifact, value: object, path: Path) -> BaseModel:
     """Return a JSON value as the model that its artifact names; `ProcessingError` says where it does not fit."""
     model: type[BaseModel] = resolve(artifact.model)
     try:
-        return model.model_validate_json(json.dumps(value))
+        return model.model_validate_json(json.dumps(value), strict=True)
     except ValidationError as exc:
         text = f"not a valid {artifact.name}: {strict_json.faults_of(exc)[0]}"
         raise ProcessingError(text, where=str(path), advice="correct the file") from exc

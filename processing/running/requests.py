@@ -11,8 +11,9 @@ from pydantic import ValidationError
 
 from processing.errors import ParameterError
 from processing.ground.finished import digest
-from processing.pipeline import Stage, Trade, options, selected, stage_named
+from processing.pipeline import Stage, Trade, options, resolve, selected, stage_named
 from processing.running import fingerprint
+from processing.running.artifacts import load
 from processing.running.fingerprint import DigestMemory, Ingredients
 from processing.running.result_store import Stored
 from processing.running.results import Change, StageResult
@@ -121,6 +122,17 @@ def given_answers(stage: Stage, request: RunRequest) -> dict[str, Path]:
     if answers and missing:
         raise ParameterError(f"{stage.name}: give {', '.join(missing)} too", where=stage.name)
     return answers
+
+
+def check_readable(stage: Stage, request: RunRequest) -> None:
+    """Read what is given to a stage as the stage will: what cannot be used ends a run before its first stage."""
+    for option, value in _given(stage, request, "file"):
+        if option.reader:
+            resolve(option.reader)(Path(str(value)))
+    answers = given_answers(stage, request)
+    for artifact in stage.makes:
+        if artifact.name in answers:
+            load(artifact, answers[artifact.name])
 
 
 def quality_of(stage: Stage, request: RunRequest) -> Quality:

@@ -34,6 +34,8 @@ def process(
     """
     check_table(stages)
     plan = requests.planned(request, stages)
+    for stage in plan:
+        requests.check_readable(stage, request)
     load_manifest(session)
     meter = Meter()
     write = not request.dry_run

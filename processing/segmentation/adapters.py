@@ -5,6 +5,7 @@ scores per pixel, class numbers per pixel, or queries with masks (as MaskFormer 
 what does not fit its contract is refused by name.
 """
 
+import json
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -141,8 +142,7 @@ def read_contract(path: Path) -> NetworkContract:
         raw = path.read_bytes()
         if len(raw) > MAX_CONTRACT_BYTES:
             raise strict_json.StrictJsonError(f"larger than {MAX_CONTRACT_BYTES} bytes")
-        strict_json.loads(raw)
-        contract = NetworkContract.model_validate_json(raw)
+        contract = NetworkContract.model_validate_json(json.dumps(strict_json.loads(raw)))
     except OSError as exc:
         text = f"the network's contract cannot be read: {exc.strerror}"
         advice = "put a JSON file of that name beside the network; docs/reference/detection.md has examples"

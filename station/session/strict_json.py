@@ -55,7 +55,7 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def loads(raw: bytes) -> Any:
-    """Parse UTF-8 JSON.
+    """Parse UTF-8 JSON, with or without a byte order mark.
 
     Raises `StrictJsonError` for anything but plain JSON of at most `MAX_DEPTH` levels: bad UTF-8, NaN and
     infinity, numbers beyond `MAX_DIGITS` digits or out of range, keys twice in one object, lone surrogates.
@@ -69,7 +69,7 @@ def loads(raw: bytes) -> Any:
         if depth < 0:
             raise StrictJsonError("not JSON: a bracket closes that none opened")
     try:
-        text = raw.decode("utf-8")
+        text = raw.decode("utf-8-sig")
         value = json.loads(text, parse_constant=_constant, parse_int=_int, parse_float=_real, object_pairs_hook=_object)
     except UnicodeDecodeError as exc:
         raise StrictJsonError(f"not UTF-8 at byte {exc.start}") from exc

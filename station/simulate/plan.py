@@ -47,7 +47,7 @@ class Ledger:
         self.path = folder / LEDGER_NAME
         self.rows: dict[str, Row] = {}
         try:
-            text = self.path.read_text("utf-8")
+            text = self.path.read_text("utf-8-sig")
         except FileNotFoundError:
             return
         except (OSError, UnicodeDecodeError) as error:

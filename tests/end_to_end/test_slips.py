@@ -77,6 +77,8 @@ def full(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         (("--target", "400,0"), "--target"),
         (("--stops", "4,0"), "exposure time"),
+        (("--stops", "4,4"), "an exposure time is given twice"),
+        (("--stops", "4,3.99"), "3.99 s beside 4 s: the same setting"),
         (("--every", "0m", "--until", "23:59"), "--every"),
         (("--every", "60m", "--until", "25:00"), "--until"),
         (("--every", "60m", "--until", "23:59", "--reading", "5"), "--reading"),
@@ -316,8 +318,49 @@ def test_a_file_that_is_refused_is_not_saved(ran: Ran, session: Path, flag: str,
     """Else the corrected file would be as useless as the first: later runs take the saved copy."""
     Path("given").write_text(text)
     saved = (session / "choices.toml").read_bytes()
-    assert ran("process", str(session), flag, "given", "--quality", "draft")[0] == 5
+    for words in (("--dry-run",), ("--quality", "draft")):
+        code, said = ran("process", str(session), flag, "given", *words)
+        assert code == 5
+        assert "given" in said
     assert tomllib.loads((session / "choices.toml").read_text())["chosen"] == tomllib.loads(saved.decode())["chosen"]
+
+
+@pytest.mark.parametrize("flag", ["--room", "--mask", "--mask-add", "--mask-keep", "--mask-sunlight", "--calibration"])
+def test_a_file_that_no_stage_could_use_ends_a_run_before_its_first_stage(ran: Ran, session: Path, flag: str) -> None:
+    """Only the stage that reads it noticed, after minutes of others; and --dry-run not at all."""
+    Path("given").write_text("[]")
+    code, said = ran("process", str(session), flag, "given", "--force", "verify")
+    assert code == 5
+    assert "given" in said
+    assert "verify" not in said
+
+
+def test_an_arrangement_says_which_of_its_keys_are_wrong(ran: Ran) -> None:
+    Path("arrangement.json").write_text('{"plan": 3}')
+    code, said = ran("furniture", "export", "arrangement.json")
+    assert code == 5
+    assert "arrangement.json: not a valid arrangement file: plan: Input should be" in said
+    assert "validation errors" not in said
+
+
+def test_files_may_start_with_a_byte_order_mark(ran: Ran, session: Path) -> None:
+    """As Windows' programs write them."""
+
+    def marked(path: Path) -> str:
+        path.write_text(path.read_text("utf-8"), "utf-8-sig")
+        return str(path)
+
+    Path("plan.json").write_text(json.dumps(PLAN))
+    assert ran("arrange", marked(Path("plan.json")), "--items", "plant", "--no-pictures")[0] == 0
+    assert ran("furniture", "export", marked(Path("plan-layout/arrangement.json")), "--into", "x.glb")[0] == 0
+    ran("doctor", "--write-rig", "rig.toml")
+    assert ran("capture", "x", "--rig", marked(Path("rig.toml")), "--dry-run")[0] == 0
+    marked(session / "session.json")
+    marked(session / "choices.toml")
+    assert "quality" in ran("choices", str(session))[1]
+    assert ran("dataset", "build", str(session.parent), "--name", "x", "--licence", "CC0-1.0")[0] == 0
+    marked(session.parent / "index.csv")
+    assert ran("dataset", "summary", str(session.parent))[0] == 0
 
 
 def test_a_batch_whose_table_has_no_place_is_refused_before_its_first_session(

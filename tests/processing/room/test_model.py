@@ -76,6 +76,16 @@ def test_what_cannot_stand_is_reported_with_its_key(fields: dict[str, Any], word
         check_room(room.model_dump(mode="json"))
 
 
+@pytest.mark.parametrize(("key", "value"), [("wall", True), ("wall", "0"), ("start_m", "0.5"), ("end_m", True)])
+def test_numbers_are_numbers(tmp_path: Path, key: str, value: object) -> None:
+    """`"wall": true` was wall 1."""
+    data = l_room(openings=[opening()]).model_dump(mode="json")
+    data["openings"][0][key] = value
+    (tmp_path / "room.json").write_text(json.dumps(data))
+    with pytest.raises(RoomError, match=rf"room\.json: openings\.0\.{key}: Input should be a valid"):
+        read_room(tmp_path / "room.json")
+
+
 def test_openings_side_by_side_and_above_each_other_are_fine() -> None:
     door, beside = opening(head_m=2.0), opening(start_m=2.0, end_m=3.0)
     above = opening(kind="window", sill_m=2.0, head_m=2.4)
