@@ -27,7 +27,7 @@ CHAIN_PX, QUICK_CHAIN_PX = 3000, 600
 VIEW_REPEATS, QUICK_VIEW_REPEATS = 12, 4
 ELEVATIONS_RAD = (0.9, 0.35)
 FEW_PAIRS_ABOVE_PX = 2000
-TRIPS = ("roundtrip_err", "roundtrip_cubic_err", "roundtrip_overlapping_err")
+TRIPS = ("roundtrip_err", "roundtrip_overlapping_err")
 
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
@@ -66,7 +66,6 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
             "tilted_fisheye_err": sums.tilted_fisheye,
             "sun_energy_err_pct": round(abs(suns[worst]), 5),
             "roundtrip_err": usual["ours, linear"],
-            "roundtrip_cubic_err": usual["ours, cubic"],
             "roundtrip_overlapping_err": _sphere_views.overlapping_round_trip(WIDTH_PX, USUAL_FACE, seed),
             **{f"chain_{key}": value for key, value in chain.pop("ours", {}).items()},
         },

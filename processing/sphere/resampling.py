@@ -1,7 +1,7 @@
 """From one picture of the sphere to another: keeping energy, or fast.
 
 ``area`` is for light: it keeps sums of radiance times solid angle (`processing.sphere.resampling_area`). ``bilinear``
-and ``cubic`` sample the source at the target's pixel centres: smoother where pixels grow, wrong where they shrink.
+samples the source at the target's pixel centres: smoother where pixels grow, wrong where they shrink.
 """
 
 import math
@@ -90,7 +90,7 @@ def _sample(picture: Any, x: Any, y: Any, out: Any) -> None:
                 out[j, i, c] = min(max(total, low), high)
 
 
-Method = Literal["area", "bilinear", "cubic"]
+Method = Literal["area", "bilinear"]
 
 PAD_PX = 2  # pixels beyond seam and poles that cubic interpolation may ask for
 LARGEST_PX = 32_000  # of a picture's sides: OpenCV's limit, less the padding
@@ -110,8 +110,7 @@ def resample(
     """Return a picture in another geometry and how much of each pixel is covered.
 
     ``rgb`` (H, W) or (H, W, C) of the source's size; finite.
-    ``method``: ``area``: exact overlaps, keeps energy, never rings. ``bilinear``, ``cubic``: samples at pixel centres;
-      cubic is held within the range of the 16 pixels around, and is linear beside invalid ones.
+    ``method``: ``area``: exact overlaps, keeps energy, never rings. ``bilinear``: samples at pixel centres.
     ``weights`` (H, W), 0..1: what each source pixel is worth (0: invalid, its value is not used). None: all that lies
       in the field counts, pixels cut by a fisheye's edge too.
     ``near`` (H, W), of ``area``: where overlaps must be exact; None: everywhere. Elsewhere weights must be 1, and cells
@@ -125,10 +124,10 @@ def resample(
     known = _checked_weights(weights, source)
     if method == "area":
         values, coverage = area_resample(picture, source, target, known, near)
-    elif method in ("bilinear", "cubic"):
-        values, coverage = _sampled(picture, source, target, known, cubic=method == "cubic")
+    elif method == "bilinear":
+        values, coverage = _sampled(picture, source, target, known)
     else:
-        raise ParameterError(f"no resampling method {method!r}", advice="choose area, bilinear or cubic")
+        raise ParameterError(f"no resampling method {method!r}", advice="choose area or bilinear")
     return (values[..., 0] if flat else values), coverage
 
 
@@ -178,9 +177,7 @@ def padded_sphere(picture: Floats, pad_px: int = PAD_PX) -> Floats:
     return tall[:, np.arange(-pad_px, width + pad_px) % width]
 
 
-def _sampled(
-    picture: Floats, source: Geometry, target: Geometry, weights: Floats, *, cubic: bool
-) -> tuple[Floats, Floats]:
+def _sampled(picture: Floats, source: Geometry, target: Geometry, weights: Floats) -> tuple[Floats, Floats]:
     if max(source.width_px, source.height_px) > LARGEST_PX:
         raise ParameterError(f"a picture of {source.width_px} x {source.height_px} px", advice="use method='area'")
     known = weights * _in_field(source)
@@ -193,19 +190,14 @@ def _sampled(
         light, known = padded_sphere(light), padded_sphere(known)
     out = np.zeros((target.height_px, target.width_px, picture.shape[2]), dtype=np.float32)
     coverage = np.zeros(out.shape[:2], dtype=np.float32)
-    # Cubic needs 16 whole pixels; beside holes and edges linear takes its place.
-    clear = cv2.erode(known, np.ones((5, 5), np.uint8)) if cubic and not whole else None
     for rows, x, y, seen in _centres(source, target):
         at_x, at_y = (x + (pad - 0.5)).astype(np.float32), (y + (pad - 0.5)).astype(np.float32)
         weight = np.ones(seen.shape, np.float32) if whole else linear_samples(known, at_x, at_y)
-        value = (cubic_samples if cubic and whole else linear_samples)(light, at_x, at_y)
+        value = linear_samples(light, at_x, at_y)
         ok = seen & (weight > LEAST_WEIGHT)
         if not whole:
             # The values were multiplied by their weights.
             value /= np.maximum(weight, LEAST_WEIGHT)[..., None]
-        if clear is not None:
-            inner = cv2.remap(clear, at_x, at_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) >= 1
-            value = np.where(inner[..., None], cubic_samples(light, at_x, at_y), value)
         out[rows] = np.where(ok[..., None], value, 0.0)
         coverage[rows] = np.where(ok, np.clip(weight, 0.0, 1.0), 0.0)
     return out, coverage

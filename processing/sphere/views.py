@@ -1,15 +1,14 @@
 """Perspective views of a panorama: the mapping S of Ji et al. 2023, eq. 3, I = S(panorama; FOV, theta, phi, h, w).
 
 Views are cut fast: the last maps are kept, OpenCV's remap does the work on all cores, the seam costs nothing and the
-few pixels at a pole are set right after it. Where light must be kept, use method ``area``. The inverse is in
-`processing.sphere.views`.
+few pixels at a pole are set right after it. Where light must be kept, use `processing.sphere.resampling`.
 """
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Literal, Self
+from typing import Self
 
 import cv2
 import numpy as np
@@ -18,10 +17,8 @@ import numpy.typing as npt
 from processing.errors import ParameterError
 from processing.ground.arrays import AnyArray, Floats
 from processing.sphere import Equirectangular, Perspective
-from processing.sphere.resampling import LARGEST_PX, cubic_samples, linear_samples, resample
-from processing.sphere.view_maps import CutMap, StitchMap, cut_map, stitch_map
-
-ViewMethod = Literal["linear", "cubic", "area"]
+from processing.sphere.resampling import LARGEST_PX, linear_samples
+from processing.sphere.view_maps import StitchMap, cut_map, stitch_map
 
 DEPTHS = (np.uint8, np.uint16, np.float32)
 HALVE_ABOVE = 2.5  # panorama pixels to a view's pixel from which a halved one is sampled; linear sampling spans two
@@ -60,29 +57,14 @@ def view_at(*, fov_rad: float, theta_rad: float, phi_rad: float, height_px: int,
     return Perspective(width_px, height_px, fov_rad, yaw_rad=theta_rad, pitch_rad=phi_rad)
 
 
-def cut_view(panorama: Panorama | AnyArray, view: Perspective, *, method: ViewMethod = "linear") -> AnyArray:
-    """Return what a view sees of a panorama, (h, w) or (h, w, C), of the panorama's type.
+def cut_view(panorama: Panorama | AnyArray, view: Perspective) -> AnyArray:
+    """Return what a view sees of a panorama, (h, w) or (h, w, C), of the panorama's type, by linear interpolation.
 
-    ``linear``: fast; positions are exact for float32 and good to 1/64 pixel for the others. ``cubic``: smoother, float
-    arithmetic. ``area``: keeps energy (`processing.sphere.resampling`). A picture without `Panorama` has its middle at
-    longitude 0. ``panorama``: (H, W) or (H, W, C), of one of `DEPTHS`.
+    Positions are exact for float32 and good to 1/64 pixel for the others. A picture without `Panorama` has its middle
+    at longitude 0. ``panorama``: (H, W) or (H, W, C), of one of `DEPTHS`.
     """
-    whole = panorama if isinstance(panorama, Panorama) else Panorama(panorama)
-    if method == "linear":
-        level = whole.for_view(view)
-        return _remapped(level.picture, cut_map(level.geometry, view, fixed=level.picture.dtype != np.float32))
-    if method not in ("cubic", "area"):
-        raise ParameterError(f"no view method {method!r}", advice="choose linear, cubic or area")
-    level = whole.for_view(view) if method == "cubic" else whole
-    found, _ = resample(level.picture, level.geometry, view, method=method)
-    if whole.picture.dtype == np.float32:
-        return found
-    most = np.iinfo(whole.picture.dtype).max
-    rounded: AnyArray = np.clip(np.rint(found), 0, most).astype(whole.picture.dtype)
-    return rounded
-
-
-def _remapped(picture: AnyArray, maps: CutMap) -> AnyArray:
+    level = (panorama if isinstance(panorama, Panorama) else Panorama(panorama)).for_view(view)
+    picture, maps = level.picture, cut_map(level.geometry, view, fixed=level.picture.dtype != np.float32)
     if picture.dtype == np.float32:
         view: AnyArray = linear_samples(picture, maps.first, maps.second, cv2.BORDER_WRAP)
     else:
@@ -135,25 +117,21 @@ def stitch_views(
     target: Equirectangular,
     *,
     weights: Sequence[npt.ArrayLike] | None = None,
-    cubic: bool = False,
 ) -> tuple[Floats, Floats]:
     """Return the panorama (H, W) or (H, W, C) that views show together, and its coverage (H, W).
 
     ``pictures``: one a view, (h, w) or (h, w, C) with the same C: light, masks or class probabilities; finite.
     ``weights`` (h, w) a view, 0..1: what its pixels are worth (0: not used).
-    ``cubic``: cubic instead of linear interpolation, held within the pixels around; only without ``weights``.
 
     The coverage is 1 where views see, less where their pixels are worth less, and 0, as the picture, where none sees.
     """
     light = _checked_pictures(pictures, views)
     worth = _checked_weights(weights, light)
-    if cubic and weights is not None:
-        raise ParameterError("cubic stitching with weights", advice="leave out one of the two")
     flat = light[0].ndim == 2
     total = np.zeros((target.height_px, target.width_px, 1 if flat else light[0].shape[2]), dtype=np.float32)
     known, seen = np.zeros(total.shape[:2], dtype=np.float32), np.zeros(total.shape[:2], dtype=np.float32)
     for picture, valid, view in zip(light, worth, views, strict=True):
-        found, mixed, share = _view_part(picture, valid, view, target, cubic=cubic)
+        found, mixed, share = _view_part(picture, valid, view, target)
         for rows, columns, part in _pieces(found, target):
             total[rows, columns] += mixed[:, part]
             known[rows, columns] += share[:, part]
@@ -166,7 +144,7 @@ def stitch_views(
 
 
 def _view_part(
-    picture: Floats, valid: Floats | None, view: Perspective, target: Equirectangular, *, cubic: bool
+    picture: Floats, valid: Floats | None, view: Perspective, target: Equirectangular
 ) -> tuple[StitchMap, Floats, Floats]:
     """Return where a view lies, its values times their weights (h, w, C), and the weights (h, w)."""
     if valid is not None:
@@ -179,11 +157,7 @@ def _view_part(
             valid = np.asarray(cv2.resize(valid, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
         view = replace(view, width_px=size[0], height_px=size[1])
     found = stitch_map(view, target)
-    if cubic:
-        value = cubic_samples(picture[..., None] if picture.ndim == 2 else picture, found.x, found.y)
-    else:
-        value = linear_samples(picture, found.x, found.y)
-    mixed = value.reshape(*found.weight.shape, -1) * found.weight[..., None]
+    mixed = linear_samples(picture, found.x, found.y).reshape(*found.weight.shape, -1) * found.weight[..., None]
     share = found.weight if valid is None else found.weight * linear_samples(valid, found.x, found.y)
     return found, mixed, share
 

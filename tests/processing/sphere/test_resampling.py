@@ -52,7 +52,7 @@ def test_the_sun_keeps_its_illuminance(source, target):
 @pytest.mark.parametrize(("source", "target"), PAIRS)
 def test_a_constant_stays_that_constant(source, target):
     there, back = one_of_each(40)[source], one_of_each(55)[target]
-    for method in ("area", "cubic"):
+    for method in ("area", "bilinear"):
         moved, coverage = resample(np.full((there.height_px, there.width_px), 7.5), there, back, method=method)
         np.testing.assert_allclose(moved[coverage > 0], 7.5, rtol=1e-5)
         assert coverage.min() >= 0
@@ -74,9 +74,9 @@ def test_shrinking_keeps_all_energy():
     np.testing.assert_allclose(kept, upper, rtol=1e-3)
 
 
-@pytest.mark.parametrize("method", ["area", "bilinear", "cubic"])
+@pytest.mark.parametrize("method", ["area", "bilinear"])
 def test_smooth_pictures_arrive_where_they_belong(method):
-    limit = {"area": 0.04, "bilinear": 8e-3, "cubic": 2.5e-3}[method]
+    limit = {"area": 0.04, "bilinear": 8e-3}[method]
     for source, target in PAIRS[::5] if method == "area" else PAIRS[::2]:
         there, back = one_of_each(100)[source], one_of_each(80)[target]
         moved, coverage = resample(smooth(there), there, back, method=method)
@@ -88,7 +88,7 @@ def test_smooth_pictures_arrive_where_they_belong(method):
         assert np.abs(moved - smooth(back))[edge].max() < limit, (source, target)
 
 
-@pytest.mark.parametrize("method", ["area", "bilinear", "cubic"])
+@pytest.mark.parametrize("method", ["area", "bilinear"])
 def test_invalid_pixels_do_not_bleed(method):
     there = Equirectangular(80, 40)
     picture = np.ones((40, 80, 3), np.float32)
@@ -115,7 +115,7 @@ def test_nothing_valid_gives_nothing():
 @given(geometries, geometries)
 def test_any_pair_at_any_size_is_finite_and_in_range(source, target):
     picture = np.random.default_rng(0).lognormal(0, 4, (source.height_px, source.width_px, 2)).astype(np.float32)
-    for method in ("area", "bilinear", "cubic"):
+    for method in ("area", "bilinear"):
         moved, coverage = resample(picture, source, target, method=method)
         assert moved.dtype == coverage.dtype == np.float32
         assert np.isfinite(moved).all()

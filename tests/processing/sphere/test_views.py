@@ -20,12 +20,11 @@ def look(theta, phi, size=90):
 
 
 @pytest.mark.parametrize("at", LOOKS)
-@pytest.mark.parametrize(("method", "limit"), [("linear", 7e-4), ("cubic", 1e-4), ("area", 0.03)])
-def test_views_show_the_truth_across_seam_and_poles(at, method, limit):
+def test_views_show_the_truth_across_seam_and_poles(at):
     view = look(*at)
-    found = cut_view(smooth(PANORAMA), view, method=method)
+    found = cut_view(smooth(PANORAMA), view)
     assert found.dtype == np.float32
-    assert np.abs(found - smooth(view)).max() < limit
+    assert np.abs(found - smooth(view)).max() < 7e-4
 
 
 @pytest.mark.parametrize("at", LOOKS)
@@ -50,26 +49,23 @@ def test_coarse_views_do_not_alias():
     stripes = np.zeros((512, 1024), np.float32)
     stripes[:, ::2] = 1
     view = Perspective(24, 24, math.radians(90))
-    for method in ("linear", "area"):
-        assert np.abs(cut_view(stripes, view, method=method) - 0.5).max() < 0.12
+    assert np.abs(cut_view(stripes, view) - 0.5).max() < 0.12
 
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 1), (5, 3), (4, 4)])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 def test_tiny_panoramas(size, dtype):
     picture = np.full((size[1], size[0], 3), 200, dtype)
-    for method in ("linear", "cubic", "area"):
-        for theta, phi in LOOKS[2:4]:
-            assert (np.abs(cut_view(picture, look(theta, phi, 7), method=method) - 200.0) < 1e-3).all()
+    for theta, phi in LOOKS[2:4]:
+        assert (np.abs(cut_view(picture, look(theta, phi, 7)) - 200.0) < 1e-3).all()
 
 
 def test_views_stitch_back_to_the_panorama():
     truth = smooth(PANORAMA, 6.0)
     views = covering_views(size_px=120, fov_rad=math.radians(90))
-    for method, cubic, limit in (("linear", False, 5e-3), ("cubic", True, 1e-3)):
-        back, coverage = stitch_views([cut_view(truth, v, method=method) for v in views], views, PANORAMA, cubic=cubic)
-        assert coverage.min() == 1
-        assert np.abs(back - truth).max() < limit
+    back, coverage = stitch_views([cut_view(truth, v) for v in views], views, PANORAMA)
+    assert coverage.min() == 1
+    assert np.abs(back - truth).max() < 5e-3
 
 
 @pytest.mark.parametrize("fov_deg", [30, 60, 90, 120])
@@ -125,12 +121,10 @@ def test_the_last_maps_are_kept_until_memory_is_given_back():
     [
         lambda p, v: cut_view(p.astype(np.float64), v),
         lambda p, v: cut_view(p[0], v),
-        lambda p, v: cut_view(p, v, method="magic"),
         lambda p, v: stitch_views([], [], PANORAMA),
         lambda p, v: stitch_views([p], [v], PANORAMA),
         lambda p, v: stitch_views([np.full((20, 30), np.nan)], [v], PANORAMA),
         lambda p, v: stitch_views([np.ones((20, 30))], [v], PANORAMA, weights=[np.ones((2, 2))]),
-        lambda p, v: stitch_views([np.ones((20, 30))], [v], PANORAMA, weights=[np.ones((20, 30))], cubic=True),
         lambda p, v: view_ring(0, size_px=5, fov_rad=1.0),
         lambda p, v: covering_views(size_px=5, fov_rad=3.0),
     ],
