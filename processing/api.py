@@ -331,7 +331,7 @@ def floor_plan(path: Path, *, keep_camera_free: bool) -> FloorPlan:
                 return from_room_model(read_room(path / inner), keep_camera_free=keep_camera_free, name=path.name)
         advice = f"daylit room {path} --edit, or daylit process {path} --until room"
         raise PlanError("no room yet in this session", where=str(path), advice=advice)
-    data = read_json(path)
+    data = read_json(path, PlanError)
     if isinstance(data, dict) and "floor" in data:
         return from_room_model(read_room(path), keep_camera_free=keep_camera_free, name=path.stem)
     return plan_from_mapping(data, where=path.name)

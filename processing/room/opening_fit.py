@@ -283,11 +283,6 @@ def score_of(field: Field, recess_m: float, box: Box) -> float:
     return float(field.scores(recess_m, np.array([box], dtype=np.float64))[0])
 
 
-def recess_cost(kind: Kind, recess_m: float) -> float:
-    """Return what an unusual recess costs, in units of the score."""
-    return 0.5 * ((recess_m - kind.usual_recess_m[0]) / kind.usual_recess_m[1]) ** 2
-
-
 def fitted(field: Field, recess_m: float, start: Box, weights: Sequence[float] | None = None) -> tuple[float, Box]:
     """Return the best score and rectangle near a start: each side is moved in turn, a few times."""
     view = field.view

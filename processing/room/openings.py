@@ -191,7 +191,8 @@ def _of_kind(views: tuple[WallView, ...], kind: Kind) -> list[Candidate]:
     best: tuple[float, list[Candidate]] = (-math.inf, [])
     for recess in kind.recesses_m:
         tried = [_fit(field, recess, shown) for field, shown in starts]
-        total = sum(one.score - opening_fit.recess_cost(kind, recess) for one in tried)
+        unusual = 0.5 * ((recess - kind.usual_recess_m[0]) / kind.usual_recess_m[1]) ** 2
+        total = sum(one.score - unusual for one in tried)
         best = max(best, (total, tried), key=lambda entry: entry[0])
     sure = [one for one in best[1] if one.score > (LEAST_BLIND_SCORE if one.field.cloth else LEAST_SCORE[kind.shown])]
     return [opening_fit.fitted_last(one) for one in sure]

@@ -126,14 +126,12 @@ def normal_illuminance_lx(sun_elevation_rad: float, turbidity: float, sun_distan
     return LUMINOUS_SOLAR_CONSTANT_LX / sun_distance_au**2 * math.exp(-extinction)
 
 
-def clear_diffuse_lx(
-    sun_elevation_rad: float, turbidity: float, sun_distance_au: float = 1.0, ground_albedo: float = 0.2
-) -> float:
+def clear_diffuse_lx(sun_elevation_rad: float, turbidity: float, sun_distance_au: float = 1.0) -> float:
     """Return the horizontal illuminance from a clear sky without its sun.
 
     The form is Bird and Hulstrom's (1981, SERI/TR-642-761): half of what air scatters and 84 % of what aerosol
     scatters comes down, 10 % of the aerosol's extinction is absorption, and light goes back and forth between ground
-    and sky; the transmittances are those of the luminous band.
+    (albedo 0.2) and sky; the transmittances are those of the luminous band.
     """
     if sun_elevation_rad <= 0:
         return 0.0
@@ -148,7 +146,7 @@ def clear_diffuse_lx(
     down = 0.79 * top * ozone * absorbing * scattered / (1 - mass + math.pow(mass, 1.02))
     direct = normal_illuminance_lx(sun_elevation_rad, turbidity, sun_distance_au) * sine
     sky_albedo = 0.0685 + (1 - 0.84) * (1 - scattering)
-    return (direct + down) / (1 - ground_albedo * sky_albedo) - direct
+    return (direct + down) / (1 - 0.2 * sky_albedo) - direct
 
 
 def aerosol_depth(turbidity: float) -> float:

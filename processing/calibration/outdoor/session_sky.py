@@ -307,13 +307,11 @@ def _repaired(
     if asked.repair_sun == "illuminance":
         if asked.outdoor_lux is None:
             raise SunError("repairing the sun needs a measured illuminance", advice="give --outdoor-lux")
-        done, repair = repair_sun(picture, horizontal_lx=asked.outdoor_lux)
-        return done, repair.note
+        return repair_sun(picture, horizontal_lx=asked.outdoor_lux)
     place, moment = Place.of(session.site), sun_place.shortest_taken(session, Side.OUTDOOR)
     if place is None or moment is None:
         raise SunError("a clear-sky sun needs site and time", advice="record the site in rig.toml, or give lux")
-    done, repair = repair_sun(picture, beam=sun_place.clear_beam(moment, place))
-    return done, repair.note
+    return repair_sun(picture, beam=sun_place.clear_beam(moment, place))
 
 
 def _compared(picture: LuminanceImage, asked: SkyChoice, facts: dict[str, Any]) -> list[str]:

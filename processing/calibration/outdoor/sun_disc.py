@@ -24,13 +24,11 @@ _LEAST_ROUND = 0.4  # chosen
 
 @dataclass(frozen=True)
 class Sun:
-    """A sun that was found. World axes are the geometry's; illuminance has the picture's scale."""
+    """A sun that was found, in the geometry's world axes."""
 
     direction: Vector
     sigma_rad: float
     """Standard uncertainty of the direction along each of two axes, from the picture alone (not the lens's model)."""
-    normal_illuminance: float
-    """On a plane that faces it, over its surroundings; a lower bound where ``clipped``."""
     clipped: bool
     cut: bool
     """Part of the disc lies outside the field."""
@@ -165,7 +163,7 @@ def _open_sun(window: Window, sky: float, at: tuple[int, int]) -> Sun:
         over = np.where(angle < 2 * reach, light / np.maximum(window.pixel_sr, 1e-12), 0)
         centre = _fit_disc(window, centre, over, free_radius=False)
     sigma = _cut_sigma(pixel_rad) if cut else _centroid_sigma(pixel_rad)
-    return _sun(window, centre, sigma, given, clipped=False, cut=cut)
+    return _sun(window, centre, sigma, clipped=False, cut=cut)
 
 
 def _clipped_sun(window: Window) -> Sun:
@@ -190,8 +188,7 @@ def _clipped_sun(window: Window) -> Sun:
         centre = _fit_disc(window, centre, spot.astype(np.float64), free_radius=True)
     glare = max(0.0, math.sqrt(area / math.pi) - SUN_RADIUS_RAD)
     sigma = 0.2 * pixel_rad + 0.1 * glare
-    given = float((window.luminance * window.pixel_sr)[spot].sum())
-    return _sun(window, centre, sigma + touches * _cut_sigma(pixel_rad), given, clipped=True, cut=touches)
+    return _sun(window, centre, sigma + touches * _cut_sigma(pixel_rad), clipped=True, cut=touches)
 
 
 def _fit_disc(window: Window, start: Doubles, shape: Doubles, *, free_radius: bool) -> Doubles:
@@ -229,9 +226,9 @@ def _cut_sigma(pixel_rad: float) -> float:
     return max(SUN_RADIUS_RAD / 2, 0.6 * pixel_rad)
 
 
-def _sun(window: Window, centre: Doubles, sigma: float, given: float, *, clipped: bool, cut: bool) -> Sun:
+def _sun(window: Window, centre: Doubles, sigma: float, *, clipped: bool, cut: bool) -> Sun:
     x, y, z = (float(v) for v in centre)
-    return Sun((x, y, z), sigma, given, clipped, cut, window.rows, window.columns)
+    return Sun((x, y, z), sigma, clipped, cut, window.rows, window.columns)
 
 
 def _pixel_rad(image: RelativeImage | LuminanceImage, row: int, column: int) -> float:

@@ -5,8 +5,7 @@ disc (the lens's glare) keep their lower bound and their mark.
 """
 
 import math
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,35 +22,17 @@ SUN_RGB = (1.11, 0.99, 0.85)
 BRIGHTEST_CD_M2 = 2.1e9  # above the atmosphere: no sun is brighter (133 klx over 6.8e-5 sr, with margin)
 
 
-@dataclass(frozen=True)
-class SunRepair:
-    """What was put in place of the sun, for the report."""
-
-    source: Literal["illuminance", "clear sky"]
-    sun_cd_m2: float
-    normal_lx: float
-    horizontal_lx: float
-    relative_uncertainty: float
-    """Standard, of the sun's luminance and illuminance."""
-    rest_lx: float
-    """Horizontal illuminance of the picture without the sun."""
-    n_pixels: int
-    note: str
-    """One sentence for the report."""
+READING_SIGMA = 0.05  # relative standard uncertainty of a lux meter's reading in the field (chosen)
 
 
 def repair_sun(
-    image: LuminanceImage,
-    *,
-    horizontal_lx: float | None = None,
-    reading_uncertainty: float = 0.05,
-    beam: Beam | None = None,
-) -> tuple[LuminanceImage, SunRepair]:
-    """Return the picture with its clipped sun replaced, and what was done.
+    image: LuminanceImage, *, horizontal_lx: float | None = None, beam: Beam | None = None
+) -> tuple[LuminanceImage, str]:
+    """Return the picture with its clipped sun replaced, and one sentence on what was done.
 
-    ``horizontal_lx``: the outdoor meter's reading, ``reading_uncertainty`` its relative one; the sun gives what the
-    rest of the picture does not. ``beam``: a clear sky's sun (`clear_beam`). Exactly one is given. Raises
-    `SunError` for a sun that is not clipped, a reading below what the sky alone gives, or one that no sun can give.
+    ``horizontal_lx``: the outdoor meter's reading; the sun gives what the rest of the picture does not. ``beam``: a
+    clear sky's sun (`clear_beam`). Exactly one is given. Raises `SunError` for a sun that is not clipped, a reading
+    below what the sky alone gives, or one that no sun can give.
     """
     if (horizontal_lx is None) == (beam is None):
         raise ParameterError("a clipped sun is repaired from an illuminance or from a clear sky: give one")
@@ -66,7 +47,7 @@ def repair_sun(
     empty = _without_sun(image, window, cover)
     rest_lx, before_lx = level_lx([empty, image])
     if horizontal_lx is not None:
-        normal, sigma = _normal_of_reading(horizontal_lx, reading_uncertainty, rest_lx, sine * seen, image)
+        normal, sigma = _normal_of_reading(horizontal_lx, rest_lx, sine * seen, image)
     else:
         assert beam is not None
         normal, sigma = beam.normal_lx, beam.relative_uncertainty
@@ -78,21 +59,17 @@ def repair_sun(
             advice="check the illuminance reading and its time",
         )
     done = _painted(empty, window, cover, luminance, sigma)
-    source: Literal["illuminance", "clear sky"] = "clear sky" if horizontal_lx is None else "illuminance"
     note = (
         f"the clipped sun was restored from {'a clear-sky model' if beam else 'the illuminance reading'}: "
         f"{luminance:.3g} cd/m2 (standard uncertainty {sigma:.0%}), {normal * sine * seen:.4g} lx horizontal, plus "
         f"{rest_lx:.4g} lx from the rest of the sky; the picture alone gave at least {before_lx:.4g} lx in total"
     )
-    repair = SunRepair(source, luminance, normal, normal * sine * seen, sigma, rest_lx, int((cover > 0).sum()), note)
-    return replace(done, attributes={**image.attributes, "sun_repaired": note}), repair
+    return replace(done, attributes={**image.attributes, "sun_repaired": note}), note
 
 
-def _normal_of_reading(
-    horizontal_lx: float, uncertainty: float, rest_lx: float, sine: float, image: LuminanceImage
-) -> tuple[float, float]:
+def _normal_of_reading(horizontal_lx: float, rest_lx: float, sine: float, image: LuminanceImage) -> tuple[float, float]:
     """Return the sun's normal illuminance that a reading leaves for it, and its relative uncertainty."""
-    if not (math.isfinite(horizontal_lx) and horizontal_lx > 0 and uncertainty >= 0):
+    if not (math.isfinite(horizontal_lx) and horizontal_lx > 0):
         raise ParameterError(f"an illuminance of {horizontal_lx} lx")
     left = horizontal_lx - rest_lx
     if sine < math.sin(SUN_RADIUS_RAD) or left <= 0:
@@ -101,7 +78,7 @@ def _normal_of_reading(
             likely="a reading from another moment, a sun at the horizon, or a wrong k1 or k2",
             advice="repair it from the clear sky, or leave it clipped",
         )
-    sigma = math.hypot(uncertainty * horizontal_lx, image.scale_uncertainty * rest_lx) / left
+    sigma = math.hypot(READING_SIGMA * horizontal_lx, image.scale_uncertainty * rest_lx) / left
     return left / sine, sigma
 
 

@@ -52,8 +52,6 @@ class ChartScale:
 
     scale: ScaleFactor
     white_ratio: float
-    offset_frac: float
-    """Veil indoors less the veil outdoors, as a share of the white patch."""
     residual_stops: float
     """Robust rms of the neutral patches about the fit."""
     patches: tuple[PatchPair, ...]
@@ -143,7 +141,7 @@ def scale_from_charts(
         measured=float(y_in[white]),
         warnings=_warnings(ratio, fit, white),
     )
-    return ChartScale(scale, ratio, fit.offset / float(y_in[white]), spread, patches)
+    return ChartScale(scale, ratio, spread, patches)
 
 
 def spectral_mismatch(luminance: Doubles, usable: Flags, light: float = 0.0) -> float | None:

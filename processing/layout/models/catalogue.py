@@ -128,15 +128,14 @@ class Catalogue:
         return cls(f"built-in, {style or 'all styles'}", [BuiltInSource(k, s) for k in BUILT_IN for s in styles])
 
     @classmethod
-    def folder(cls, path: Path, *, unit: str | None = None, front: str | None = None) -> Catalogue:
-        """Return the glTF, GLB and OBJ files of a folder and the folders in it.
+    def folder(cls, path: Path) -> Catalogue:
+        """Return the glTF, GLB and OBJ files of a folder and the folders in it; `CatalogueError` where there is none.
 
-        `unit` (m, cm, mm, in, ft) and `front` (+x, -x, +z, -z in a y-up file) are guessed per file where not given,
-        and the guess is in the model's notes. Raises `CatalogueError` where there is no such file.
+        Unit and front are guessed where no `catalog.json` states them, and the guess is in the model's notes.
         """
         from processing.layout.models.catalogue_folder import folder_sources
 
-        return cls(str(path.name), folder_sources(path, unit=unit, front=front))
+        return cls(str(path.name), folder_sources(path))
 
     @classmethod
     def of_3d_future(cls, path: Path) -> Catalogue:
@@ -171,26 +170,16 @@ class Catalogue:
         """Return the names of a category's models."""
         return tuple(name for name, source in self._sources.items() if source.category == category)
 
-    def choose(
-        self, category: str, *, smallest_m: Size | None = None, largest_m: Size | None = None, seed: int = 0
-    ) -> CatalogueEntry:
-        """Return a model of a category whose size lies within limits, drawn by a seed.
-
-        Raises `CatalogueError` where there is none, saying how many were too small, too large or unreadable.
-        """
+    def choose(self, category: str, *, seed: int = 0) -> CatalogueEntry:
+        """Return a model of a category, drawn by a seed; `CatalogueError` where there is none that can be read."""
         names = self.of_category(category)
         if not names:
             known = sorted({s.category for s in self._sources.values()})
             raise CatalogueError(f"no {category} here; there are: {', '.join(known)}", where=self.name)
-        low, high = smallest_m or (0.0, 0.0, 0.0), largest_m or (np.inf, np.inf, np.inf)
         for k in np.random.default_rng(seed).permutation(len(names)):
-            entry = self._entry_or_none(names[int(k)])
-            if entry and all(a - 1e-6 <= v <= b + 1e-6 for a, v, b in zip(low, entry.size_m, high, strict=True)):
+            if entry := self._entry_or_none(names[int(k)]):
                 return entry
-        limits = " and ".join(
-            f"{word} {limit}" for word, limit in (("at least", smallest_m), ("at most", largest_m)) if limit
-        )
-        raise CatalogueError(f"none of {len(names)} models of {category} is {limits or 'readable'}", where=self.name)
+        raise CatalogueError(f"none of {len(names)} models of {category} is readable", where=self.name)
 
     def mesh(self, model_id: str, size_m: Size | None = None) -> FurnitureModel:
         """Return a model, made (or, from a file, stretched within limits) to a size.

@@ -60,7 +60,7 @@ class FileSource:
         return model if size_m is None else stretched(model, size_m)
 
 
-def folder_sources(path: Path, *, unit: str | None, front: str | None) -> list[FileSource]:
+def folder_sources(path: Path) -> list[FileSource]:
     """Return the models of a folder; raise `CatalogueError` where there are none."""
     if not path.is_dir():
         raise CatalogueError("no such folder", where=str(path))
@@ -73,7 +73,6 @@ def folder_sources(path: Path, *, unit: str | None, front: str | None) -> list[F
     for file in files:
         row = listed.get(file.resolve(), {})
         given = _given(row, file.name)
-        given = replace(given, unit=unit or given.unit, front=front or given.front)
         own = _licence(file.parent) if file.parent != path else ""
         said = str(row.get("licence") or row.get("license") or own or licence or "not stated")[:200]
         model_id, notes = _own_id(file.relative_to(path), sources)

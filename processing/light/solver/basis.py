@@ -55,12 +55,6 @@ class LightBasis:
     """(N, 3) lx: irradiance of the pixels by lamps, bounces included."""
     scene_digest: str
 
-    @property
-    def bytes(self) -> int:
-        """Return how much memory it takes."""
-        parts = (self.pixel_sky, self.patch_sky, self.pixel_links, self.patch_links)
-        return self.pixel.nbytes + self.fixed.nbytes + sum(array.nbytes for part in parts for array in part)
-
 
 STORED: dict[str, Any] = {"pixel_sky": SkyRays, "pixel_links": Links, "patch_sky": SkyRays, "patch_links": Links}
 """The fields of a basis that hold rays, in their order."""

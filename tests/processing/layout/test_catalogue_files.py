@@ -42,8 +42,11 @@ def to_y_up(vertices: np.ndarray) -> np.ndarray:
     return np.column_stack([-vertices[:, 0], vertices[:, 2], vertices[:, 1]])
 
 
-def loaded(folder: Path, name: str = "chair", **options: str):  # type: ignore[no-untyped-def]
-    return Catalogue.folder(folder, **options).mesh(name)
+def loaded(folder: Path, name: str = "chair", **stated: str):  # type: ignore[no-untyped-def]
+    if stated:
+        (file,) = folder.glob(f"{name}.*[!l]")
+        (folder / "catalog.json").write_text(json.dumps([{"file": file.name, **stated}]))
+    return Catalogue.folder(folder).mesh(name)
 
 
 def assert_chair(model, size=(0.45, 0.5, 0.9)) -> None:  # type: ignore[no-untyped-def]
@@ -70,12 +73,13 @@ def test_unit_given_goes_before_the_guess_and_nonsense_is_scaled_and_said(tmp_pa
     write_obj(tmp_path / "chair.obj", to_y_up(vertices) * 2.0, faces)
     assert loaded(tmp_path).size_m[2] == pytest.approx(1.8, abs=1e-3)
     assert loaded(tmp_path, unit="ft").size_m[2] == pytest.approx(1.8 * 0.3048, abs=1e-3)
+    (tmp_path / "catalog.json").unlink()
     write_obj(tmp_path / "chair.obj", to_y_up(vertices) * 1e6, faces)
     odd = loaded(tmp_path)
     assert odd.size_m[2] == pytest.approx(0.9, rel=0.1)
     assert any("is unknown" in note for note in odd.notes)
     with pytest.raises(CatalogueError, match="unit 'furlong'"):
-        Catalogue.folder(tmp_path, unit="furlong")
+        loaded(tmp_path, unit="furlong")
 
 
 def test_z_up_is_detected_where_proportions_are_clear(tmp_path: Path) -> None:

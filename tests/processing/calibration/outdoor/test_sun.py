@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -53,7 +54,6 @@ def test_found_to_a_part_of_a_pixel(azimuth: float, elevation_deg: float) -> Non
     assert angle_to(sky, found.direction) < min(0.25 * PIXEL_RAD, 4 * found.sigma_rad)
     assert not found.clipped
     assert not found.cut
-    assert found.normal_illuminance == pytest.approx(6.72e4, rel=0.02)
 
 
 def test_clipped_is_reported_and_its_middle_found() -> None:
@@ -61,7 +61,6 @@ def test_clipped_is_reported_and_its_middle_found() -> None:
     found = find_sun(corrected(sky, clip=3e5))
     assert found.clipped
     assert angle_to(sky, found.direction) < min(0.6 * PIXEL_RAD, 3 * found.sigma_rad)
-    assert found.normal_illuminance < 6e4
 
 
 @pytest.mark.parametrize("clip", [None, 3e5])
@@ -141,13 +140,14 @@ def clipped_sky() -> tuple[SimpleSky, LuminanceImage, float]:
 def test_repaired_from_a_reading() -> None:
     sky, image, lux = clipped_sky()
     assert illuminance_lx(image).value_lx < 0.6 * lux
-    done, repair = repair_sun(image, horizontal_lx=lux, reading_uncertainty=0.02)
+    done, note = repair_sun(image, horizontal_lx=lux)
     assert illuminance_lx(done).value_lx == pytest.approx(lux, rel=0.01)
-    assert repair.sun_cd_m2 == pytest.approx(sky.sun_luminance_cd_m2, rel=0.05)
-    assert repair.n_pixels == int((done.validity == Validity.REPAIRED).sum()) > 0
-    assert done.attributes["sun_repaired"] == repair.note
-    assert "reading" in repair.note
-    assert 0.01 < repair.relative_uncertainty < 0.1
+    (said_cd_m2,) = re.findall(r"reading: ([\d.e+]+) cd/m2", note)
+    assert float(said_cd_m2) == pytest.approx(sky.sun_luminance_cd_m2, rel=0.05)
+    assert done.attributes["sun_repaired"] == note
+    repaired = done.uncertainty[done.validity == Validity.REPAIRED]
+    assert repaired.size > 0
+    assert (np.abs(repaired / 0.055 - 1) < 0.8).all()
     assert (image.validity != Validity.REPAIRED).all(), "the picture given is left as it was"
     assert find_sun(done).direction == pytest.approx(sky.sun_direction, abs=0.01)
 
@@ -157,11 +157,11 @@ def test_repaired_from_a_clear_sky() -> None:
     image = in_cd_m2(corrected(SimpleSky(azimuth, elevation), clip=3e5))
     beam = clear_beam(NOON, PITTSBURGH)
     assert 7e4 < beam.normal_lx < 1.1e5
-    done, repair = repair_sun(image, beam=beam)
-    assert repair.horizontal_lx == pytest.approx(beam.normal_lx * math.sin(elevation), rel=0.01)
-    gained = illuminance_lx(done).value_lx - repair.rest_lx
-    assert gained == pytest.approx(repair.horizontal_lx, rel=0.01)
-    assert "clear-sky" in repair.note
+    done, note = repair_sun(image, beam=beam)
+    sun_lx, rest_lx = map(float, re.findall(r"([\d.e+]+) lx (?:horizontal|from the rest)", note))
+    assert sun_lx == pytest.approx(beam.normal_lx * math.sin(elevation), rel=0.01)
+    assert illuminance_lx(done).value_lx == pytest.approx(sun_lx + rest_lx, rel=0.01)
+    assert "clear-sky" in note
 
 
 def test_what_cannot_be_repaired_is_refused() -> None:
