@@ -214,6 +214,10 @@ class _RunView(SilentView):
             self._warned += tuple(line for line in lines if line.lstrip().startswith("warning: "))
         for line in self._warned if event.kind == "failed" else ():
             click.echo(printable(line), err=True)
+        if event.kind == "failed" and not event.text:  # as Ctrl-C comes
+            click.echo(
+                f"{event.stage}: stopped; finished stages are kept, the same command goes on from here", err=True
+            )
 
 
 class PlainView(_RunView):

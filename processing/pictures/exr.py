@@ -234,7 +234,15 @@ def _write(path: Path, image: RelativeImage | LuminanceImage, coding: str, halve
         "daylitCrc32": f"{_digest(texts, planes):08x}",
     }
     channels = {name: np.ascontiguousarray(plane, dtype=halves.get(name)) for name, plane in planes.items()}
-    write_whole(path, lambda part: library.File(header, channels).write(str(part)))
+    write_whole(path, lambda part: library.File(header, channels).write(_plain_name(part)))
+
+
+def _plain_name(path: Path) -> str:
+    """Return a path as the library takes it; `PictureFileError` for one that is not UTF-8."""
+    try:
+        return str(path).encode().decode()
+    except UnicodeEncodeError as error:
+        raise refused(path, "is in a folder whose name is not UTF-8", advice="rename that folder") from error
 
 
 def read_exr(path: Path) -> RelativeImage | LuminanceImage:
@@ -369,7 +377,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Channels]:
         raise refused(path, f"is {wrong}", advice="save the whole picture, as one part, each channel at full size")
     try:
         # The library reports damage on standard output, where commands write their JSON.
-        with redirect_stdout(sys.stderr), library.File(str(path)) as file:
+        with redirect_stdout(sys.stderr), library.File(_plain_name(path)) as file:
             if len(file.parts) != 1:
                 raise refused(path, "cannot be decoded", likely=_DAMAGED, advice=_AGAIN)
             header = dict(file.header())

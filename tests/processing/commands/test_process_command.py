@@ -14,6 +14,7 @@ from processing.commands.process import PlainView, TerminalView, process, stage_
 from processing.running import runner
 from processing.running.results import Action, RunEvent, RunEventKind, StageReport
 from station.commands.views import answer, numbers, printable
+from tests.processing.running import toy_stages
 from tests.processing.running.toy_stages import TOTAL, TOYS
 from tests.station.session.sessions import complete_session
 
@@ -56,6 +57,23 @@ def test_a_report_of_another_run_is_not_given_out_as_this_ones(
     page.write_text("of other options")
     assert daylit.main(["process", str(session)]) == 0
     assert "report:" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("name", "done"), [("frames", 0), ("total", 1)])
+def test_ctrl_c_keeps_what_is_finished(
+    session: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, name: str, done: int
+) -> None:
+    def interrupted(_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as now:
+        now.setattr(toy_stages, name, interrupted)
+        assert daylit.main(["process", str(session)]) == 130
+    said = capsys.readouterr().err
+    assert f"{name}: stopped; finished stages are kept, the same command goes on from here" in said
+    assert not list((session / "stages").glob(".part*"))
+    assert daylit.main(["process", str(session)]) == 0
+    assert f"{3 - done} of 3 stages done" in capsys.readouterr().out
 
 
 def test_options_of_stages_reach_them_and_are_explained(session: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -399,3 +399,18 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
     assert [p.name for p in tmp_path.iterdir()] == ["picture.exr"]
     with pytest.raises(DiskError):
         write_exr(tmp_path / "no-such-folder" / "picture.exr", noise())
+
+
+@pytest.mark.skipif(os.name != "posix", reason="names are bytes on POSIX alone")
+def test_a_folder_whose_name_is_not_utf8_is_called_that(tmp_path: Path) -> None:
+    """The library refused such a path with a ValueError of its own: an internal error."""
+    folder = tmp_path / os.fsdecode(b"r\xe4ume")
+    folder.mkdir()
+    image = luminance_image(np.ones((4, 8, 3), np.float32), Equirectangular(8, 4))
+    with pytest.raises(PictureFileError, match="not UTF-8"):
+        write_exr(folder / "a.exr", image)
+    assert not list(folder.iterdir())
+    write_exr(tmp_path / "a.exr", image)
+    (tmp_path / "a.exr").rename(folder / "a.exr")
+    with pytest.raises(PictureFileError, match="not UTF-8"):
+        read_exr(folder / "a.exr")
