@@ -45,7 +45,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     errors |= outdoor_errors(QUICK_DAYS if quick else DAYS)
     errors["spot"] = spot_errors(seed)
     asked = seeds("test", QUICK_ROOMS if quick else FULL_ROOMS, seed)
-    faults = {number: found for number in asked if (found := room_faults(number))}
+    faults = {number: found for number in asked if (found := faults_of_seed(number))}
     worst = {name: max(cases, key=lambda case: abs(cases[case])) for name, cases in errors.items()}
     metrics: dict[str, Any] = {f"{name}_err_pct": round(abs(errors[name][case]), 4) for name, case in worst.items()}
     metrics |= {"rooms_ok": len(asked) - len(faults), "rooms_drawn": len(asked)}
@@ -99,10 +99,16 @@ def convergence(seed: int) -> list[Point]:
     return points
 
 
-def room_faults(seed: int) -> list[str]:
+def room_faults(room: Any) -> list[str]:
+    """Return what a room's own checks find wrong with its plan and its furniture."""
+    check_plan = importlib.import_module("mocks.rooms.plan.openings").check_plan
+    check_items = importlib.import_module("mocks.rooms.furnish.check").check_items
+    return [*check_plan(room.plan), *check_items(room.plan, room.items)]
+
+
+def faults_of_seed(seed: int) -> list[str]:
     """Return what is wrong with the room of a seed: a failure to make it, or what its own checks find."""
-    rooms = importlib.import_module("mocks.rooms.room")
     try:
-        return list(rooms.check_room(rooms.make_room(seed)))
+        return room_faults(importlib.import_module("mocks.rooms.room").make_room(seed))
     except Exception as error:  # noqa: BLE001 (any failure is what is counted here)
         return [f"{type(error).__name__}: {error}"]

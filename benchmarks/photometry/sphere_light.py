@@ -14,7 +14,6 @@ from processing.sphere import (
     Geometry,
     LensMapping,
     Perspective,
-    cube_views,
     directions,
     point_directions,
     projected_solid_angles,
@@ -26,6 +25,20 @@ SUN_RADIUS_RAD = math.radians(0.25)
 SUN_CD_M2 = 1.6e9
 POLYNOMIAL = (1.08, 0.0, -0.08)
 QUICK_ROWS, ROWS = (16, 17, 64, 255), (16, 17, 18, 24, 31, 32, 64, 100, 255, 401, 512, 1000, 1680)
+
+
+CUBE_FACES = ("front", "right", "back", "left", "up", "down")
+
+
+def cube_views(size_px: int) -> tuple[Perspective, ...]:
+    """Return six square views of 90 degrees in the order of `CUBE_FACES`; together they see everything once.
+
+    The picture of ``up`` continues ``front`` upwards (its lower edge is the upper edge of ``front``), ``down``
+    downwards.
+    """
+    quarter = math.pi / 2
+    level = [Perspective(size_px, size_px, quarter, yaw_rad=yaw) for yaw in (0.0, quarter, math.pi, -quarter)]
+    return (*level, *(Perspective(size_px, size_px, quarter, pitch_rad=pitch) for pitch in (quarter, -quarter)))
 
 
 @dataclass(frozen=True)

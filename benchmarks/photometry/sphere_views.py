@@ -15,7 +15,8 @@ import numpy as np
 import py360convert
 
 from benchmarks.paired import Comparison, compare
-from processing.sphere import Equirectangular, Geometry, Perspective, cube_views, directions, pixels
+from benchmarks.photometry.sphere_light import cube_views
+from processing.sphere import Equirectangular, Geometry, Perspective, directions, pixels
 from processing.sphere.views import covering_views, cut_view, stitch_views, view_at
 
 PANORAMA = Equirectangular(6720, 3360)

@@ -16,7 +16,7 @@ from mocks.rooms.finish import draw_finish
 from mocks.rooms.furnish.check import check_items
 from mocks.rooms.furnish.furnish import furnish
 from mocks.rooms.furniture import item_parts
-from mocks.rooms.model import USES, Finish, Item, Part, Plan, Role, Use
+from mocks.rooms.model import USES, Finish, Item, Part, Plan, Use
 from mocks.rooms.plan.fixtures import draw_fixtures
 from mocks.rooms.plan.forms import Outline, draw_camera, draw_outline, draw_turn_rad, rectangle, seen_from
 from mocks.rooms.plan.openings import check_plan, draw_doors, draw_windows
@@ -202,17 +202,6 @@ def _stands_at(plan: Plan, item: Item, wall: int) -> bool:
     facing = math.sin(item.turn_rad) * inward[0] - math.cos(item.turn_rad) * inward[1]
     before = 0.0 < x * along[0] + y * along[1] < plan.wall_length_m(wall)
     return before and abs(gap_m) < 0.2 and facing > math.cos(math.radians(5))
-
-
-def check_room(room: Room) -> list[str]:
-    """Return what is wrong with a room; nothing for a valid one."""
-    problems = check_plan(room.plan) + check_items(room.plan, room.items)
-    numbers = [item.instance for item in room.items]
-    if len(set(numbers)) != len(numbers) or any(n < 1 for n in numbers):
-        problems.append("instances are not numbered each for itself from 1")
-    if room.plan.use is Use.EMPTY and any(i.role is not Role.EQUIPMENT for i in room.items):
-        problems.append("an empty room with furniture")
-    return problems
 
 
 def use_of(scene: str) -> Use:

@@ -124,11 +124,20 @@ def given_answers(stage: Stage, request: RunRequest) -> dict[str, Path]:
     return answers
 
 
+_MASK = "processing.pictures.preview:read_mask"
+_READERS = {
+    "room": "processing.ground.room_model:read_room",
+    "calibration": "processing.calibration.profile:load_profile",
+    **dict.fromkeys(("mask_add", "mask_keep", "mask_sunlight"), _MASK),
+}
+"""What reads a file that is given and raises a typed error, by the option's name."""
+
+
 def check_readable(stage: Stage, request: RunRequest) -> None:
     """Read what is given to a stage as the stage will: what cannot be used ends a run before its first stage."""
     for option, value in _given(stage, request, "file"):
-        if option.reader:
-            resolve(option.reader)(Path(str(value)))
+        if option.name in _READERS:
+            resolve(_READERS[option.name])(Path(str(value)))
     answers = given_answers(stage, request)
     for artifact in stage.makes:
         if artifact.name in answers:

@@ -66,17 +66,17 @@ def cut_view(panorama: Panorama | AnyArray, view: Perspective) -> AnyArray:
     level = (panorama if isinstance(panorama, Panorama) else Panorama(panorama)).for_view(view)
     picture, maps = level.picture, cut_map(level.geometry, view, fixed=level.picture.dtype != np.float32)
     if picture.dtype == np.float32:
-        view: AnyArray = linear_samples(picture, maps.first, maps.second, cv2.BORDER_WRAP)
+        seen: AnyArray = linear_samples(picture, maps.first, maps.second, cv2.BORDER_WRAP)
     else:
-        view = cv2.remap(picture, maps.first, maps.second, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-        view = view.reshape(*view.shape[:2], *picture.shape[2:])
+        seen = cv2.remap(picture, maps.first, maps.second, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        seen = seen.reshape(*seen.shape[:2], *picture.shape[2:])
     polar = maps.polar
     if polar is not None:
         corners = picture[polar.rows, polar.columns].astype(np.float64)
         weights = polar.weights if picture.ndim == 2 else polar.weights[..., None]
         value = (corners * weights).sum(axis=1)
-        view[polar.view_rows, polar.view_columns] = value if picture.dtype == np.float32 else np.rint(value)
-    return view
+        seen[polar.view_rows, polar.view_columns] = value if picture.dtype == np.float32 else np.rint(value)
+    return seen
 
 
 def view_ring(count: int, *, size_px: int, fov_rad: float, pitch_rad: float = 0.0) -> tuple[Perspective, ...]:

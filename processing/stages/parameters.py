@@ -87,8 +87,6 @@ class Option:
     """Flags that would do nothing beside this one: a run that asks for both is refused."""
     beside: tuple[str, ...] = ()
     """Flags without which this one would do nothing."""
-    reader: str = ""
-    """Of a file: "module:name" of what reads it and raises a typed error; a run starts with it."""
     installed: bool = False
     """Of a file: own, fuse and nothing stand for the installed model's file, or for none
     (`processing.segmentation.installed`)."""
@@ -127,19 +125,13 @@ def _value_type(annotation: Any) -> tuple[type, tuple[str, ...]]:
 def path_field(kind: OptionKind, text: str, **how: Any) -> Any:
     """Return a field that is a path, if given: the content of the file counts for the result, not its name.
 
-    ``how``: ``artifact``, ``excludes``, ``beside`` and ``reader`` of `Option`.
+    ``how``: ``artifact``, ``excludes`` and ``beside`` of `Option`.
     """
     return Field(None, description=text, exclude=True, json_schema_extra={"kind": kind, **how})
 
 
 Positive = Annotated[float, Field(ge=1e-12, le=1e12)]
-_OF_MASKS = {"reader": "processing.pictures.preview:read_mask"}
-Profile = Annotated[
-    Path | None,
-    path_field(
-        "file", "Rig profile written by `daylit rig calibrate`.", reader="processing.calibration.profile:load_profile"
-    ),
-]
+Profile = Annotated[Path | None, path_field("file", "Rig profile written by `daylit rig calibrate`.")]
 Seed = Annotated[int, Field(ge=0, lt=2**63, description="Random seed of arrangements and rendering")]
 FurnitureFolder = Annotated[
     Path | None, path_field("folder", "Folder of your own furniture models (glTF, OBJ, 3D-FUTURE).")
@@ -218,10 +210,7 @@ class RoomParameters(StageParameters):
     """What a user may say about the room."""
 
     room: Path | None = path_field(
-        "file",
-        "Room from `daylit room`, instead of an estimated one.",
-        excludes=["--camera-height", "--layout-model"],
-        reader="processing.ground.room_model:read_room",
+        "file", "Room from `daylit room`, instead of an estimated one.", excludes=["--camera-height", "--layout-model"]
     )
     segmenter: Path | None = path_field(
         "file",
@@ -254,13 +243,9 @@ class DetectParameters(StageParameters):
         artifact="target",
         excludes=["--margin", "--sunlight", "--keep-sunlight", "--mask-add", "--mask-keep", "--mask-sunlight"],
     )
-    mask_add: Path | None = path_field(
-        "file", "Mask of what else to remove (white), besides what is detected.", **_OF_MASKS
-    )
-    mask_keep: Path | None = path_field("file", "Mask of what to keep (white), whatever is detected.", **_OF_MASKS)
-    mask_sunlight: Path | None = path_field(
-        "file", "Mask of direct sunlight (white), whatever is detected.", **_OF_MASKS
-    )
+    mask_add: Path | None = path_field("file", "Mask of what else to remove (white), besides what is detected.")
+    mask_keep: Path | None = path_field("file", "Mask of what to keep (white), whatever is detected.")
+    mask_sunlight: Path | None = path_field("file", "Mask of direct sunlight (white), whatever is detected.")
     margin_deg: float = Field(0.6, ge=0, le=10, description="Grow the removal mask beyond what was detected, degrees")
     sunlight: Literal["auto", "off"] = Field("auto", description="Detect and remove direct sunlight")
 

@@ -1,6 +1,5 @@
 """Reading session.json with suspicion, and writing it."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,31 +14,19 @@ from station.session.session import MANIFEST_NAME, SCHEMA_VERSION, SessionManife
 MAX_MANIFEST_BYTES = 16 << 20
 _REMAKE = "if the journal is intact, `daylit verify --repair` rebuilds it"
 
-Migration = Callable[[dict[str, Any]], dict[str, Any]]
-MIGRATIONS: dict[int, Migration] = {}
-"""From schema version n to n + 1, for older manifests; version 1 is the first, so there is none yet."""
 
-
-def _migrate(data: dict[str, Any], where: str) -> dict[str, Any]:
+def manifest_of(data: Any, where: str) -> SessionManifest:
+    """Return the manifest that JSON data describe; `ManifestError` or `SchemaTooNewError` name ``where``."""
+    if not isinstance(data, dict):
+        raise ManifestError("not a JSON object", where=where)
     version = data.get("schema_version", 1)
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
         raise ManifestError(f"schema_version is {version!r:.40}", where=where)
     if version > SCHEMA_VERSION:
         text = f"of schema {version}; this version of daylit supports up to {SCHEMA_VERSION}"
         raise SchemaTooNewError(text, where=where, advice="update daylit")
-    while version < SCHEMA_VERSION:
-        data = MIGRATIONS[version](data)
-        version += 1
-        data["schema_version"] = version
-    return data
-
-
-def manifest_of(data: Any, where: str) -> SessionManifest:
-    """Return the manifest that JSON data describe; `ManifestError` or `SchemaTooNewError` name ``where``."""
-    if not isinstance(data, dict):
-        raise ManifestError("not a JSON object", where=where)
     try:
-        manifest = SessionManifest.model_validate(_migrate(data, where))
+        manifest = SessionManifest.model_validate(data)
     except ValidationError as exc:
         faults = strict_json.faults_of(exc)
         reasons = "; ".join(faults[:5]) + (f"; and {len(faults) - 5} more" if len(faults) > 5 else "")

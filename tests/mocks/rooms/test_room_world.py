@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.light.truth import room_faults
 from mocks.optics.picture_cache import PictureCache
 from mocks.rooms import world as world_module
 from mocks.rooms.light import light as light_module
@@ -16,7 +17,7 @@ from mocks.rooms.light.light import QUALITIES, Quality, components, lightings
 from mocks.rooms.light.sunlight import enters, sun_share
 from mocks.rooms.light.transport import load_scene
 from mocks.rooms.model import Role, Use
-from mocks.rooms.room import check_room, make_room
+from mocks.rooms.room import make_room
 from mocks.rooms.sky import backdrop
 from mocks.rooms.sky.sky import CloudDrift
 from mocks.rooms.truth import description, equirectangular, point_lights, truth_pictures
@@ -63,7 +64,7 @@ def luminance(rgb):
 
 
 def test_the_room_is_valid_and_named(world):
-    assert check_room(world.room) == []
+    assert room_faults(world.room) == []
     assert world.room == make_room(world.room.seed, "living", sky="clear", lamps_on=False)
     assert world.room.name == f"living-{world.room.seed}"
 

@@ -5,14 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.photometry.sphere_light import CUBE_FACES, cube_views
 from processing.errors import LensError, ParameterError
 from processing.sphere import (
-    CUBE_FACES,
     Equirectangular,
     Fisheye,
     LensMapping,
     Perspective,
-    cube_views,
     directions,
     pixels,
     point_directions,
@@ -136,7 +135,6 @@ def test_cube_faces_meet_as_named():
         (ParameterError, lambda: Equirectangular(5, 5, math.nan)),
         (ParameterError, lambda: Perspective(5, 5, math.pi)),
         (ParameterError, lambda: Perspective(5, 5, 1.0, yaw_rad=math.inf)),
-        (ParameterError, lambda: cube_views(0)),
         (LensError, lambda: fisheye(LensMapping.EQUISOLID, radius_px=0.0)),
         (LensError, lambda: fisheye(LensMapping.ORTHOGRAPHIC, half_field_rad=1.7)),
         (LensError, lambda: fisheye(LensMapping.EQUIDISTANT, half_field_rad=180.0)),

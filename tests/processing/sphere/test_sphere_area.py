@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.photometry.sphere_light import cube_views
 from processing.errors import ParameterError
 from processing.sphere import (
     Equirectangular,
     Fisheye,
     LensMapping,
     Perspective,
-    cube_views,
     directions,
     projected_solid_angles,
     solid_angles,

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from benchmarks.shared_data import DATA
 from station.errors import DaylitError, ManifestError, SchemaTooNewError, SessionNotFoundError
-from station.session import manifest as manifest_module
 from station.session import strict_json
 from station.session.manifest import load_manifest, manifest_bytes, parse_manifest
 from station.session.session import FrameRecord, SessionManifest
@@ -116,21 +115,6 @@ def test_paths_that_lead_elsewhere_are_refused(file: str) -> None:
 def test_a_newer_schema_is_reported_as_such() -> None:
     with pytest.raises(SchemaTooNewError, match="schema 2"):
         parse_manifest(text(schema_version=2, something_new=True), "session.json")
-
-
-def test_an_older_schema_goes_through_its_migrations(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = []
-
-    def step(data: dict[str, object]) -> dict[str, object]:
-        seen.append(data["schema_version"])
-        return {**data, "heading_rad": data.pop("heading")}
-
-    monkeypatch.setattr(manifest_module, "MIGRATIONS", {1: step})
-    monkeypatch.setattr(manifest_module, "SCHEMA_VERSION", 2)
-    data = json.loads(text())
-    del data["heading_rad"]
-    migrated = manifest_module._migrate({**data, "heading": 0.5}, "session.json")
-    assert (seen, migrated["schema_version"], migrated["heading_rad"]) == ([1], 2, 0.5)
 
 
 def test_too_large_a_file_is_refused_unread(tmp_path: Path) -> None:
