@@ -100,11 +100,11 @@ def _arguments(asked: dict[str, Any]) -> tuple[str, ...]:
     """
     from processing.pipeline import STAGES, options
     from processing.running.choices import with_options
-    from processing.running.requests import planned
+    from processing.running.requests import check_readable, planned
     from processing.stages.parameters import WORDS
 
     request, given = run_request(asked), given_now(asked)
-    planned(with_options(request, given), STAGES)
+    check_readable(planned(asked_of := with_options(request, given), STAGES), asked_of)
     found = ["--keep", asked["keep"]]
     for flag, values in (("--until", asked["until"] or ()), ("--force", asked["force"]), ("--forget", asked["forget"])):
         for value in (values,) if isinstance(values, str) else values:

@@ -133,15 +133,16 @@ _READERS = {
 """What reads a file that is given and raises a typed error, by the option's name."""
 
 
-def check_readable(stage: Stage, request: RunRequest) -> None:
-    """Read what is given to a stage as the stage will: what cannot be used ends a run before its first stage."""
-    for option, value in _given(stage, request, "file"):
-        if option.name in _READERS:
-            resolve(_READERS[option.name])(Path(str(value)))
-    answers = given_answers(stage, request)
-    for artifact in stage.makes:
-        if artifact.name in answers:
-            load(artifact, answers[artifact.name])
+def check_readable(plan: tuple[Stage, ...], request: RunRequest) -> None:
+    """Read what is given to stages as they will: what cannot be used ends a run before its first stage."""
+    for stage in plan:
+        for option, value in _given(stage, request, "file"):
+            if option.name in _READERS:
+                resolve(_READERS[option.name])(Path(str(value)))
+        answers = given_answers(stage, request)
+        for artifact in stage.makes:
+            if artifact.name in answers:
+                load(artifact, answers[artifact.name])
 
 
 def quality_of(stage: Stage, request: RunRequest) -> Quality:

@@ -34,8 +34,7 @@ def process(
     """
     check_table(stages)
     plan = requests.planned(request, stages)
-    for stage in plan:
-        requests.check_readable(stage, request)
+    requests.check_readable(plan, request)
     load_manifest(session)
     meter = Meter()
     write = not request.dry_run

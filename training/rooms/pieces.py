@@ -107,7 +107,7 @@ def folder_pieces(folders: Iterable[Path]) -> list[Piece]:
 
     found = []
     for folder in folders:
-        catalogue = Catalogue.folder(folder)
+        catalogue = Catalogue.at(folder)
         for name in catalogue.ids:
             try:
                 model = catalogue.mesh(name)

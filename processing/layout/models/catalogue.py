@@ -128,29 +128,18 @@ class Catalogue:
         return cls(f"built-in, {style or 'all styles'}", [BuiltInSource(k, s) for k in BUILT_IN for s in styles])
 
     @classmethod
-    def folder(cls, path: Path) -> Catalogue:
-        """Return the glTF, GLB and OBJ files of a folder and the folders in it; `CatalogueError` where there is none.
-
-        Unit and front are guessed where no `catalog.json` states them, and the guess is in the model's notes.
-        """
-        from processing.layout.models.catalogue_folder import folder_sources
-
-        return cls(str(path.name), folder_sources(path))
-
-    @classmethod
-    def of_3d_future(cls, path: Path) -> Catalogue:
-        """Return the models of a 3D-FUTURE folder; raise `CatalogueError` where it has no `model_info.json`."""
-        from processing.layout.models.catalogue_folder import future_sources
-
-        return cls(str(path.name), future_sources(path))
-
-    @classmethod
     def at(cls, path: Path) -> Catalogue:
-        """Return the catalogue of a folder of either kind, recognised by its files."""
+        """Return the models of a folder: of 3D-FUTURE, or the glTF, GLB and OBJ files in it and the folders in it.
+
+        Unit and front are guessed where no `catalog.json` states them, and the guess is in the model's notes. Raises
+        `CatalogueError` where there are no models.
+        """
+        from processing.layout.models.catalogue_folder import folder_sources, future_sources
+
         future = path.is_dir() and any(
             (one / "model_info.json").is_file() for one in (path, *sorted(p for p in path.iterdir() if p.is_dir()))
         )
-        return cls.of_3d_future(path) if future else cls.folder(path)
+        return cls(path.name, (future_sources if future else folder_sources)(path))
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -170,16 +159,21 @@ class Catalogue:
         """Return the names of a category's models."""
         return tuple(name for name, source in self._sources.items() if source.category == category)
 
-    def choose(self, category: str, *, seed: int = 0) -> CatalogueEntry:
-        """Return a model of a category, drawn by a seed; `CatalogueError` where there is none that can be read."""
+    def choose(self, category: str, *, largest_m: Size | None = None, seed: int = 0) -> CatalogueEntry:
+        """Return a model of a category, no larger than a limit, drawn by a seed.
+
+        Raises `CatalogueError` where there is none, saying how many were too large or unreadable.
+        """
         names = self.of_category(category)
         if not names:
             known = sorted({s.category for s in self._sources.values()})
             raise CatalogueError(f"no {category} here; there are: {', '.join(known)}", where=self.name)
         for k in np.random.default_rng(seed).permutation(len(names)):
-            if entry := self._entry_or_none(names[int(k)]):
+            entry = self._entry_or_none(names[int(k)])
+            if entry and all(v <= b + 1e-6 for v, b in zip(entry.size_m, largest_m or entry.size_m, strict=True)):
                 return entry
-        raise CatalogueError(f"none of {len(names)} models of {category} is readable", where=self.name)
+        what = f"at most {largest_m}" if largest_m else "readable"
+        raise CatalogueError(f"none of {len(names)} models of {category} is {what}", where=self.name)
 
     def mesh(self, model_id: str, size_m: Size | None = None) -> FurnitureModel:
         """Return a model, made (or, from a file, stretched within limits) to a size.

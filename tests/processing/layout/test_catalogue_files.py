@@ -46,7 +46,7 @@ def loaded(folder: Path, name: str = "chair", **stated: str):  # type: ignore[no
     if stated:
         (file,) = folder.glob(f"{name}.*[!l]")
         (folder / "catalog.json").write_text(json.dumps([{"file": file.name, **stated}]))
-    return Catalogue.folder(folder).mesh(name)
+    return Catalogue.at(folder).mesh(name)
 
 
 def assert_chair(model, size=(0.45, 0.5, 0.9)) -> None:  # type: ignore[no-untyped-def]
@@ -181,20 +181,20 @@ def test_catalog_json_goes_before_guesses(tmp_path: Path) -> None:
     write_obj(tmp_path / "thing.obj", to_y_up(vertices) * 7, faces)
     row = {"file": "thing.obj", "category": "dining chair", "size_m": [0.9, 1.0, 1.8], "front": "-z", "licence": "mine"}
     (tmp_path / "catalog.json").write_text(json.dumps({"thing": row}))
-    entry = Catalogue.folder(tmp_path).entry("thing")
+    entry = Catalogue.at(tmp_path).entry("thing")
     assert entry.category == "dining chair"
     assert entry.size_m == pytest.approx((0.9, 1.0, 1.8), rel=1e-3)
     assert entry.licence == "mine"
     assert entry.item_spec().zones[0].less_m == pytest.approx(1.0, rel=1e-3)
     (tmp_path / "catalog.json").write_text("[1, 2]")
     with pytest.raises(CatalogueError, match="not a table"):
-        Catalogue.folder(tmp_path)
+        Catalogue.at(tmp_path)
 
 
 def test_stretching_has_limits_and_keeps_normals_true(tmp_path: Path) -> None:
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.3)
     ball.export(tmp_path / "ottoman.glb")
-    catalogue = Catalogue.folder(tmp_path)
+    catalogue = Catalogue.at(tmp_path)
     model = catalogue.mesh("ottoman", (0.6, 0.6, 0.4))
     part = model.parts[0]
     middle = np.array([0, 0, 0.2])
@@ -228,7 +228,7 @@ def test_3d_future_folder(tmp_path: Path) -> None:
         {"model_id": "missing-0000", "super-category": "Sofa", "category": "Loveseat Sofa"},
     ]
     (folder / "model_info.json").write_text(json.dumps(rows))
-    catalogue = Catalogue.of_3d_future(folder)
+    catalogue = Catalogue.at(folder)
     assert catalogue.ids == (name,)
     entry = catalogue.choose("dining chair")
     assert entry.size_m == pytest.approx((0.45, 0.5, 0.9), abs=1e-3)
@@ -237,7 +237,7 @@ def test_3d_future_folder(tmp_path: Path) -> None:
     assert Catalogue.at(folder).ids == (name,)
     (folder / "model_info.json").write_text("{}")
     with pytest.raises(CatalogueError, match="not a list"):
-        Catalogue.of_3d_future(folder)
+        Catalogue.at(folder)
 
 
 @pytest.mark.parametrize(
@@ -319,11 +319,11 @@ def test_arrangement_stands_in_the_rooms_axes(tmp_path: Path) -> None:
 
 @pytest.mark.shared("furniture")
 def test_shared_furniture_loads() -> None:
-    kit = Catalogue.folder(DATA / "furniture" / "kenney-furniture-kit")
+    kit = Catalogue.at(DATA / "furniture" / "kenney-furniture-kit")
     assert len(kit.entries) == len(kit.ids) >= 80
     assert not kit.refused
     assert {"sofa", "bed", "bookshelf", "desk", "tv", "rug", "floor lamp"} <= {e.category for e in kit.entries}
-    blend = Catalogue.folder(DATA / "furniture" / "blendswap-cc0")
+    blend = Catalogue.at(DATA / "furniture" / "blendswap-cc0")
     assert len(blend.ids) >= 45
     model = blend.mesh("bed1")
     assert model.category == "bed"
@@ -333,11 +333,11 @@ def test_shared_furniture_loads() -> None:
 
 def test_a_folder_without_models_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CatalogueError, match=r"no \.glb"):
-        Catalogue.folder(tmp_path)
+        Catalogue.at(tmp_path)
     with pytest.raises(CatalogueError, match="no such folder"):
-        Catalogue.folder(tmp_path / "absent")
+        Catalogue.at(tmp_path / "absent")
     (tmp_path / "bad.obj").write_text("nothing")
-    catalogue = Catalogue.folder(tmp_path)
+    catalogue = Catalogue.at(tmp_path)
     assert catalogue.entries == ()
     assert isinstance(catalogue.refused["bad"], ModelFileError)
 
@@ -360,7 +360,7 @@ def test_stated_categories_are_understood_by_their_words_or_said(
 ) -> None:
     write_obj(tmp_path / "thing.obj", to_y_up(chair()[0]), chair()[1])
     (tmp_path / "catalog.json").write_text(json.dumps({"thing.obj": {"category": said, "name": name}}))
-    entry = Catalogue.folder(tmp_path).entry("thing")
+    entry = Catalogue.at(tmp_path).entry("thing")
     assert entry.category == category
     assert any(said.lower() in note and "not known" in note for note in entry.notes) is noted
 
@@ -370,7 +370,7 @@ def test_files_of_one_name_are_two_models(tmp_path: Path) -> None:
     write_obj(tmp_path / "chair.obj", to_y_up(vertices), faces)
     write_obj(tmp_path / "chair" / "chair.obj", to_y_up(vertices), faces)
     trimesh.Trimesh(to_y_up(vertices), faces).export(tmp_path / "chair.glb")
-    catalogue = Catalogue.folder(tmp_path)
+    catalogue = Catalogue.at(tmp_path)
     assert len(catalogue.ids) == len(catalogue.entries) == 3
     assert sum(any("another file is called chair" in note for note in e.notes) for e in catalogue.entries) == 2
 
@@ -381,5 +381,5 @@ def test_a_broken_model_of_a_placed_piece_is_replaced_and_said(tmp_path: Path) -
         id="chest", category="chest", model="chest", size_m=(0.9, 0.45, 0.85), theta_rad=0.0, t_m=(0.0, 0.0, 0.0)
     )
     one = Arrangement(rank=1, items=(chest,), score=1.0, scores={}, rule_set="standard")
-    models = write_arrangement(tmp_path / "room.glb", one, Catalogue.folder(tmp_path))
+    models = write_arrangement(tmp_path / "room.glb", one, Catalogue.at(tmp_path))
     assert "the built-in chest instead" in models[0].notes[-1]

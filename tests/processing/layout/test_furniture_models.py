@@ -272,11 +272,13 @@ def test_catalogue_answers_for_names_sizes_and_limits() -> None:
         Catalogue.builtin("baroque")
 
 
-def test_choose_is_seeded() -> None:
+def test_choose_is_seeded_and_keeps_the_limit() -> None:
     catalogue = Catalogue.builtin()
     drawn = {catalogue.choose("sofa", seed=seed).model_id for seed in range(12)}
     assert len(drawn) > 1
     assert catalogue.choose("sofa", seed=3) == catalogue.choose("sofa", seed=3)
+    with pytest.raises(CatalogueError, match="none of 4 models"):
+        catalogue.choose("sofa", largest_m=(1.0, 1.0, 1.0))
     with pytest.raises(CatalogueError, match="no harp here"):
         catalogue.choose("harp")
 

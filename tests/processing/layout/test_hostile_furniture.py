@@ -43,7 +43,7 @@ def glb(document: dict[str, Any] | bytes, data: bytes = TRIANGLE) -> bytes:
 def refused(folder: Path, name: str, content: bytes) -> str:
     (folder / name).write_bytes(content)
     with pytest.raises(ModelFileError) as caught:
-        Catalogue.folder(folder).mesh(Path(name).stem)
+        Catalogue.at(folder).mesh(Path(name).stem)
     assert caught.value.code == "LAY-007"
     assert name in str(caught.value)
     return str(caught.value)
@@ -51,7 +51,7 @@ def refused(folder: Path, name: str, content: bytes) -> str:
 
 def test_the_plain_triangle_is_read(tmp_path: Path) -> None:
     (tmp_path / "table.glb").write_bytes(glb(gltf()))
-    assert Catalogue.folder(tmp_path).mesh("table").triangles == 1
+    assert Catalogue.at(tmp_path).mesh("table").triangles == 1
 
 
 def points(**changes: Any) -> list[dict[str, Any]]:
@@ -104,7 +104,7 @@ def test_material_files_outside_are_not_read(tmp_path: Path) -> None:
     inside.mkdir()
     body = "mtllib ../secret.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
     (inside / "table.obj").write_text(body)
-    model = Catalogue.folder(inside).mesh("table")
+    model = Catalogue.at(inside).mesh("table")
     assert any("points outside the folder" in note for note in model.notes)
     assert model.parts[0].material.base_colour[0] == model.parts[0].material.base_colour[1]
 
@@ -115,7 +115,7 @@ def test_links_that_lead_out_are_refused(tmp_path: Path) -> None:
     inside.mkdir()
     (inside / "table.obj").symlink_to(tmp_path / "other.obj")
     with pytest.raises(ModelFileError, match="points outside"):
-        Catalogue.folder(inside).mesh("table")
+        Catalogue.at(inside).mesh("table")
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ def test_a_texture_that_is_a_bomb_is_left_out(tmp_path: Path) -> None:
     (tmp_path / "table.mtl").write_text("newmtl a\nmap_Kd big.png\n")
     body = "mtllib table.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
     (tmp_path / "table.obj").write_text(body)
-    model = Catalogue.folder(tmp_path).mesh("table")
+    model = Catalogue.at(tmp_path).mesh("table")
     assert model.parts[0].material.texture is None
     assert any("texture" in note or "big.png" in note for note in model.notes)
 
@@ -203,4 +203,4 @@ def test_shared_damaged_files_within_limits() -> None:
 def test_a_list_that_names_no_possible_file_is_passed_over(tmp_path: Path) -> None:
     (tmp_path / "table.glb").write_bytes(glb(gltf()))
     (tmp_path / "catalog.json").write_text(r'[{"file": "\ud800.glb", "unit": "cm"}, {"file": "a\u0000b"}]')
-    assert Catalogue.folder(tmp_path).mesh("table").triangles == 1
+    assert Catalogue.at(tmp_path).mesh("table").triangles == 1
