@@ -215,12 +215,9 @@ def require_k2(profile: RigProfile, states: dict[Side, CameraState], where: str 
     measured = {Side.INDOOR: k2.indoor, Side.OUTDOOR: k2.outdoor}
     found = [f"{s}: {text}" for s, old in measured.items() if s in states for text in old.differences(states[s])]
     if found:
-        raise ProfileError(
-            f"k2 was measured with other settings: {'; '.join(found)}",
-            where=where,
-            likely="the rig was changed after its calibration",
-            advice="capture the chart again with these settings and run daylit rig calibrate, or give --k2",
-        )
+        what = f"k2 was measured with other settings: {'; '.join(found)}"
+        advice = "capture the chart again with these settings and run daylit rig calibrate, or give --k2"
+        raise ProfileError(what, where=where, likely="the rig was changed after its calibration", advice=advice)
     return k2
 
 

@@ -239,10 +239,10 @@ def _write(path: Path, image: RelativeImage | LuminanceImage, coding: str, halve
 
 def _plain_name(path: Path) -> str:
     """Return a path as the library takes it; `PictureFileError` for one that is not UTF-8."""
-    try:
-        return str(path).encode().decode()
-    except UnicodeEncodeError as error:
-        raise refused(path, "is in a folder whose name is not UTF-8", advice="rename that folder") from error
+    name = str(path)
+    if name.encode(errors="replace").decode() != name:
+        raise refused(path, "is in a folder whose name is not UTF-8", advice="rename that folder")
+    return name
 
 
 def read_exr(path: Path) -> RelativeImage | LuminanceImage:

@@ -193,12 +193,9 @@ def with_filter(camera: CameraFit, filtered: SessionSide, plain: SessionSide) ->
     (dim, dim_u), (full, full_u) = (_patches(camera, taken) for taken in (filtered, plain))
     found = fit_nd_filter(dim, full, np.hypot(dim_u, full_u), source="chart with and without the filter")
     if found.density < _LEAST_DENSITY:
-        raise ParameterError(
-            f"{filtered.path.name} shows {found.transmittance:.2g} times the light that {plain.path.name} does",
-            where="--nd",
-            likely="the two sessions are swapped, or one session was given twice",
-            advice="--nd WITH WITHOUT",
-        )
+        text = f"{filtered.path.name} shows {found.transmittance:.2g} times the light that {plain.path.name} does"
+        likely = "the two sessions are swapped, or one session was given twice"
+        raise ParameterError(text, where="--nd", likely=likely, advice="--nd WITH WITHOUT")
     return with_tint(camera, found)
 
 

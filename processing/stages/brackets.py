@@ -112,12 +112,10 @@ def _check_settings(side: Side, records: Sequence[FrameRecord]) -> None:
     for name in ("iso", "f_number"):
         values = {getattr(record, name) for record in records} - {None}
         if len(values) > 1:
-            raise BracketError(
-                f"{side}: frames of different {name}: {', '.join(map(str, sorted(values)))}",
-                where=records[0].file,
-                likely="a setting was changed, or frames of two brackets",
-                advice="capture the bracket anew, or leave frames out when importing",
-            )
+            text = f"{side}: frames of different {name}: {', '.join(map(str, sorted(values)))}"
+            likely = "a setting was changed, or frames of two brackets"
+            advice = "capture the bracket anew, or leave frames out when importing"
+            raise BracketError(text, where=records[0].file, likely=likely, advice=advice)
 
 
 def decoded(frames: Sequence[FrameSource], reduce: Reduce = 1) -> list[Bytes]:

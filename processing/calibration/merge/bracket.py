@@ -83,11 +83,8 @@ def _alike(frames: Sequence[FrameSource], geometry: Geometry) -> int:
     first = frames[0]
     for frame in frames:
         if frame.size_px != first.size_px or frame.depth_bits != first.depth_bits or frame.linear != first.linear:
-            raise BracketError(
-                f"it is {_kind(frame)}, {first.name} is {_kind(first)}",
-                where=frame.name,
-                likely="frames of different brackets or settings",
-            )
+            text = f"it is {_kind(frame)}, {first.name} is {_kind(first)}"
+            raise BracketError(text, where=frame.name, likely="frames of different brackets or settings")
     if first.size_px != (geometry.width_px, geometry.height_px):
         raise BracketError(
             f"frames of {first.size_px[0]} x {first.size_px[1]} pixels do not fit a geometry of "
@@ -133,11 +130,8 @@ def _without_duplicates(order: Order) -> Order:
             continue
         named = f"{order.frames[place].name} (number {order.numbers[place]})"
         if order.times_s[place] != order.times_s[twin]:
-            raise BracketError(
-                f"it is the same picture as {order.frames[twin].name}, but with another exposure time",
-                where=named,
-                likely="a copied file, or times in the wrong order",
-            )
+            text = f"it is the same picture as {order.frames[twin].name}, but with another exposure time"
+            raise BracketError(text, where=named, likely="a copied file, or times in the wrong order")
         warnings.append(f"{named} is the same picture as {order.frames[twin].name}: left out")
     return replace(order.only(kept), warnings=tuple(warnings))
 

@@ -60,11 +60,9 @@ def place_lenses(raw: UInt16s, colours: CameraColours, panorama: Bytes) -> lens_
     fits = [_fitted(half, luma, start) for half, start in zip(halves, _facing(halves, luma), strict=True)]
     off = max(off_rad for _, off_rad in fits)
     if not off <= MOST_OFF_RAD:
-        raise BracketError(
-            f"its raw pictures fit its panorama to {math.degrees(off):.2f} degrees only",
-            likely="dynamic stitching, a rotated panorama, or a room without edges",
-            advice="set the camera to static stitching",
-        )
+        text = f"its raw pictures fit its panorama to {math.degrees(off):.2f} degrees only"
+        likely = "dynamic stitching, a rotated panorama, or a room without edges"
+        raise BracketError(text, likely=likely, advice="set the camera to static stitching")
     try:
         lenses = [_lens(numbers, halves[k], k) for k, (numbers, _) in enumerate(fits)]
     except LensError as error:

@@ -245,19 +245,15 @@ def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
         doubt = np.hypot(doubt, np.sqrt(np.mean(np.square(job.curve.sigma_log2[:, slice(*JUDGED_CODES)]))))
     beyond = np.max(np.abs(agreement.firm) - 2 * doubt)
     if apart > REFUSE_STOPS and beyond > (REFUSE_OWN_STOPS if job.options.own_curve else REFUSE_STOPS):
-        raise BracketError(
-            f"the frames contradict each other by {apart:.2f} stops: " + "; ".join(named),
-            where=job.order.frames[place].name,
-            likely="a wrong exposure time, another camera's response curve, or light that changed",
-            advice="correct the times or the curve, or leave the frame out",
-        )
+        text = f"the frames contradict each other by {apart:.2f} stops: " + "; ".join(named)
+        likely = "a wrong exposure time, another camera's response curve, or light that changed"
+        advice = "correct the times or the curve, or leave the frame out"
+        raise BracketError(text, where=job.order.frames[place].name, likely=likely, advice=advice)
     if bent > REFUSE_STOPS and not job.options.own_curve:
-        raise BracketError(
-            f"the response curve is not that of these frames: codes of a frame pair disagree by {2 * bent:.2f} stops",
-            where=job.order.frames[place].name,
-            likely="another camera's response curve, or another picture style",
-            advice="use this camera's own calibration, or none to recover the curve from the frames",
-        )
+        text = f"the response curve is not that of these frames: codes of a frame pair disagree by {2 * bent:.2f} stops"
+        likely = "another camera's response curve, or another picture style"
+        advice = "use this camera's own calibration, or none to recover the curve from the frames"
+        raise BracketError(text, where=job.order.frames[place].name, likely=likely, advice=advice)
     return named
 
 
@@ -357,12 +353,10 @@ def _ghosts(codes: Sequence[Codes], samples: MergeTables | LinearSamples, planes
     """Settle what moved; return the ghost map by the caller's frame numbers."""
     odd = float(np.count_nonzero(planes.suspect)) / planes.suspect.size
     if odd > MAX_GHOST_SHARE and not job.options.allow_contradiction:
-        raise BracketError(
-            f"the frames disagree in {100 * odd:.0f} % of the picture",
-            where=job.order.frames[0].name,
-            likely="frames of different scenes, a camera that moved, or a noise model of another camera",
-            advice="check that the frames belong together",
-        )
+        text = f"the frames disagree in {100 * odd:.0f} % of the picture"
+        where = job.order.frames[0].name
+        likely = "frames of different scenes, a camera that moved, or a noise model of another camera"
+        raise BracketError(text, where=where, likely=likely, advice="check that the frames belong together")
     ghost = settle_ghosts(codes, samples, planes, processed=job.coded)
     numbers = np.array([0, *(number + 1 for number in job.order.numbers)], dtype=np.uint8)
     return np.asarray(numbers[ghost]) if ghost.any() else ghost

@@ -39,11 +39,9 @@ class ImageCircle:
         """Return the circle in a picture of another size and the same shape."""
         across, down = size_px[0] / self.size_px[0], size_px[1] / self.size_px[1]
         if abs(across / down - 1) > 0.01:
-            raise LensError(
-                f"a circle of a {self.size_px[0]}x{self.size_px[1]} picture in one of {size_px[0]}x{size_px[1]}",
-                likely="a cropped picture, or another camera",
-                advice="find the circle in this picture",
-            )
+            text = f"a circle of a {self.size_px[0]}x{self.size_px[1]} picture in one of {size_px[0]}x{size_px[1]}"
+            likely = "a cropped picture, or another camera"
+            raise LensError(text, likely=likely, advice="find the circle in this picture")
         x, y = self.centre_px
         return type(self)(
             (x * across, y * down), self.radius_px * across, size_px, self.sigma_px * across, self.support

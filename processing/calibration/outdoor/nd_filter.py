@@ -51,11 +51,9 @@ class NdFilter:
         if abs(white - sum(LUMINANCE_WEIGHTS)) > 1e-6:
             raise LensError(f"a tint that changes the luminance of white to {white:.4f}", advice="`NdFilter.of_matrix`")
         if np.linalg.cond(matrix) > _WORST_CONDITION:
-            raise LensError(
-                "a tint that cannot be undone",
-                likely="a chart with too few colours, or clipped patches",
-                advice="fit it to a chart with 24 patches, none clipped or black",
-            )
+            text = "a tint that cannot be undone"
+            likely = "a chart with too few colours, or clipped patches"
+            raise LensError(text, likely=likely, advice="fit it to a chart with 24 patches, none clipped or black")
 
     @classmethod
     def of_matrix(cls, forward: npt.ArrayLike, *, relative_uncertainty: float = 0.0, source: str = "") -> Self:
@@ -167,11 +165,9 @@ def _usable(before: Doubles, after: Doubles, doubt: Doubles) -> tuple[Doubles, D
     sure = usable & (doubt < _UNSURE_FRAC).all(axis=1)
     usable = sure if sure.sum() >= _LEAST_PATCHES else usable
     if max(_spread(before[usable]), _spread(after[usable])) > _MOST_SPREAD:
-        raise LensError(
-            "the patches hold too few different colours to fit a filter",
-            likely="one patch given several times, clipped patches, or numbers that are no light",
-            advice="use a chart with 24 patches, none clipped or black",
-        )
+        text = "the patches hold too few different colours to fit a filter"
+        likely = "one patch given several times, clipped patches, or numbers that are no light"
+        raise LensError(text, likely=likely, advice="use a chart with 24 patches, none clipped or black")
     return before[usable], after[usable], np.hypot(doubt[usable], _PAINT_FRAC)
 
 

@@ -281,11 +281,8 @@ def _scale(
     shown = level.value_lx
     if not shown > 0 or (sun is not None and sun.clipped):
         why = "the sun is clipped, and the reading covers sun and sky" if shown > 0 else "the picture is black"
-        raise ScaleError(
-            f"--outdoor-lux gives the outdoor picture no scale: {why}",
-            where="outdoor",
-            advice="give a rig profile (--calibration) or --k2, or leave --outdoor-lux out",
-        )
+        advice = "give a rig profile (--calibration) or --k2, or leave --outdoor-lux out"
+        raise ScaleError(f"--outdoor-lux gives the outdoor picture no scale: {why}", where="outdoor", advice=advice)
     value = asked.outdoor_lux / shown
     # What all pixels share is taken off its modes: of the level plane's light, the reading, nothing but it is in doubt.
     scale = ScaleFactor(value, math.hypot(LUX_METER_UNCERTAINTY, level.pixels_lx / shown, level.doubtful_lx / shown))

@@ -53,11 +53,9 @@ def repair_sun(
         normal, sigma = beam.normal_lx, beam.relative_uncertainty
     luminance = normal / SUN_SOLID_ANGLE_SR
     if not 0 < luminance < BRIGHTEST_CD_M2:
-        raise SunError(
-            f"the sun would be {luminance:.3g} cd/m2",
-            likely="the reading, k1 or k2 is wrong, or the sun was behind a cloud",
-            advice="check the illuminance reading and its time",
-        )
+        text = f"the sun would be {luminance:.3g} cd/m2"
+        likely = "the reading, k1 or k2 is wrong, or the sun was behind a cloud"
+        raise SunError(text, likely=likely, advice="check the illuminance reading and its time")
     done = _painted(empty, window, cover, luminance, sigma)
     note = (
         f"the clipped sun was restored from {'a clear-sky model' if beam else 'the illuminance reading'}: "

@@ -249,12 +249,9 @@ def check_consistent(
     if max(np.abs(off).max(), 0.0 if more is None else abs(off[more[0]] + more[1])) <= sloppy:
         return
     named = [samples.names[frame] for frame in sorted({*wrong, *([more[0]] if more else [])})]
-    raise ResponseError(
-        f"the frames and their times contradict each other ({', '.join(named)} most)",
-        where="response",
-        likely="times in another order than the frames, frames of several scenes, or light that changed",
-        advice="check that each frame has its own time",
-    )
+    text = f"the frames and their times contradict each other ({', '.join(named)} most)"
+    likely = "times in another order than the frames, frames of several scenes, or light that changed"
+    raise ResponseError(text, where="response", likely=likely, advice="check that each frame has its own time")
 
 
 def check_order(samples: Samples) -> None:
@@ -266,19 +263,13 @@ def check_order(samples: Samples) -> None:
     steps = np.concatenate(gaps)
     steps = steps[steps > _SAME_TIME]
     if not steps.size and len(samples.log2_times) > 1:
-        raise ResponseError(
-            "all frames have one exposure time",
-            where="response",
-            likely="times that were not read, or a burst instead of a bracket",
-            advice="give each frame its own time",
-        )
+        text = "all frames have one exposure time"
+        likely = "times that were not read, or a burst instead of a bracket"
+        raise ResponseError(text, where="response", likely=likely, advice="give each frame its own time")
     if steps.size and steps.min() > _WIDEST_STOPS:
-        raise ResponseError(
-            f"all frames are {steps.min():.1f} stops apart or more",
-            where="response",
-            likely="a bracket with most of its stops missing",
-            advice=f"give frames at most {_WIDEST_STOPS:g} stops apart, or use a profile's curve",
-        )
+        text = f"all frames are {steps.min():.1f} stops apart or more"
+        advice = f"give frames at most {_WIDEST_STOPS:g} stops apart, or use a profile's curve"
+        raise ResponseError(text, where="response", likely="a bracket with most of its stops missing", advice=advice)
     data = samples.channels[1]
     if data.n_samples == 0:
         return
@@ -287,24 +278,19 @@ def check_order(samples: Samples) -> None:
     longer = np.diff(samples.log2_times[data.frame[order]]) > _SAME_TIME
     rises = np.diff(data.mean[order])[same & longer]
     if rises.size >= _LEAST_SAMPLES and float(np.mean(rises > 0)) < _LEAST_RISING:
-        raise ResponseError(
-            "frames do not grow brighter with their exposure times",
-            where="response",
-            likely="times in another order than the frames, or one picture several times",
-            advice="check that each frame has its own time",
-        )
+        text = "frames do not grow brighter with their exposure times"
+        likely = "times in another order than the frames, or one picture several times"
+        raise ResponseError(text, where="response", likely=likely, advice="check that each frame has its own time")
 
 
 def check_enough(data: ChannelSamples, name: str) -> None:
     """Refuse samples from which no curve can be recovered."""
     if data.n_samples >= _LEAST_SAMPLES:
         return
-    raise ResponseError(
-        f"only {data.n_samples} patches are seen neither clipped nor dark in two frames",
-        where=f"response, {name}",
-        likely="one frame, all frames clipped or all dark, or stops too far apart",
-        advice="give a bracket of at least three exposures, at most four stops apart, of a scene with light and shade",
-    )
+    text = f"only {data.n_samples} patches are seen neither clipped nor dark in two frames"
+    likely = "one frame, all frames clipped or all dark, or stops too far apart"
+    advice = "give a bracket of at least three exposures, at most four stops apart, of a scene with light and shade"
+    raise ResponseError(text, where=f"response, {name}", likely=likely, advice=advice)
 
 
 def _robust(data: ChannelSamples, found: Weighed, *, final: bool) -> tuple[Doubles, Flags]:
@@ -326,10 +312,8 @@ def support(predicted: Doubles, name: str, least_codes: int = LEAST_CODES) -> tu
     count = np.bincount(np.clip(np.rint(predicted), 0, 255).astype(np.int64), minlength=256)
     seen = np.flatnonzero(np.convolve(count, np.ones(5), mode="same") >= _LEAST_NEAR)
     if seen.size < least_codes:
-        raise ResponseError(
-            f"the frames show only {seen.size} different codes",
-            where=f"response, {name}",
-            likely="a scene that is even all over, or in which little is smooth, or a bracket of few exposures",
-            advice="use a bracket of a scene with light and shade, or a profile's curve",
-        )
+        text = f"the frames show only {seen.size} different codes"
+        likely = "a scene that is even all over, or in which little is smooth, or a bracket of few exposures"
+        advice = "use a bracket of a scene with light and shade, or a profile's curve"
+        raise ResponseError(text, where=f"response, {name}", likely=likely, advice=advice)
     return int(max(seen[0], np.ceil(FIRST_CODE))), int(min(seen[-1], np.floor(LAST_CODE)))

@@ -48,20 +48,14 @@ class Bracket8:
         positive numbers.
         """
         if len(self.frames) == 0 or len(self.frames) != len(self.times_s):
-            raise BracketError(
-                f"{len(self.frames)} frames and {len(self.times_s)} times",
-                where=where,
-                advice="give one time for each frame",
-            )
+            text = f"{len(self.frames)} frames and {len(self.times_s)} times"
+            raise BracketError(text, where=where, advice="give one time for each frame")
         shape = np.shape(self.frames[0])
         for number, (frame, time_s) in enumerate(zip(self.frames, self.times_s, strict=True)):
             if np.shape(frame) != shape or len(shape) != 3 or shape[2] != 3 or frame.dtype != np.uint8:
-                raise BracketError(
-                    f"frame {number} is {np.shape(frame)} {frame.dtype}; frame 0 is {shape}",
-                    where=where,
-                    likely="frames of different brackets, or pictures that are not 8-bit RGB",
-                    advice="give (H, W, 3) uint8 frames of one size",
-                )
+                text = f"frame {number} is {np.shape(frame)} {frame.dtype}; frame 0 is {shape}"
+                likely = "frames of different brackets, or pictures that are not 8-bit RGB"
+                raise BracketError(text, where=where, likely=likely, advice="give (H, W, 3) uint8 frames of one size")
             if not TIME_RANGE_S[0] <= time_s <= TIME_RANGE_S[1]:
                 span = "{:g} to {:g} seconds".format(*TIME_RANGE_S)
                 raise BracketError(f"frame {number} has the time {time_s}", where=where, advice=f"give {span}")

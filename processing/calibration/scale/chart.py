@@ -80,12 +80,9 @@ def find_chart(view: RelativeImage, corners_px: npt.ArrayLike | None = None) -> 
         if best.mismatch < MAX_MISMATCH / 2:
             break
     if best is None:
-        raise ChartError(
-            "no 24-patch chart was found",
-            where="the view",
-            likely="it is too small, cut off, or glare covers it",
-            advice="give its four corners: --corners",
-        )
+        text = "no 24-patch chart was found"
+        likely = "it is too small, cut off, or glare covers it"
+        raise ChartError(text, where="the view", likely=likely, advice="give its four corners: --corners")
     return _sure(best, "what was found does not have the chart's colours")
 
 
@@ -106,11 +103,9 @@ def scale_from_charts(
     numbers = [n for n in chart_patches.NEUTRALS if indoor.usable[n] and outdoor.usable[n]]
     if len(numbers) < 3:
         each = "indoor {}, outdoor {}".format(*(one.usable[chart_patches.WHITE :].sum() for one in (indoor, outdoor)))
-        raise ChartError(
-            f"only {len(numbers)} of 6 neutral patches are neither clipped nor dark in both pictures ({each})",
-            where="the chart",
-            advice="use a white lamp (a warm one clips red where blue is black), nine stops or closer ones",
-        )
+        text = f"only {len(numbers)} of 6 neutral patches are neither clipped nor dark in both pictures ({each})"
+        advice = "use a white lamp (a warm one clips red where blue is black), nine stops or closer ones"
+        raise ChartError(text, where="the chart", advice=advice)
     y_in, y_out = indoor.luminance, outdoor.luminance
     doubt = np.hypot(indoor.uncertainty, outdoor.uncertainty)[numbers]
     fit = _line(y_out[numbers], y_in[numbers], doubt)
@@ -224,11 +219,8 @@ def _warnings(ratio: float, fit: _Line, white: int) -> tuple[str, ...]:
 
 def _sure(chart: FoundChart, message: str) -> FoundChart:
     if chart.mismatch > MAX_MISMATCH:
-        raise ChartError(
-            f"{message} (they differ by {chart.mismatch:.0%})",
-            where="the view",
-            advice="give the chart's four corners in order around it: --corners",
-        )
+        text = f"{message} (they differ by {chart.mismatch:.0%})"
+        raise ChartError(text, where="the view", advice="give the chart's four corners in order around it: --corners")
     return chart
 
 
@@ -286,11 +278,9 @@ def find_chart_around(image: RelativeImage, towards: Doubles | None = None) -> C
         if best.chart.mismatch < _SURE_MISMATCH:
             return best
     if best is None:
-        raise ChartError(
-            "no 24-patch chart was found in the picture",
-            likely="it is too small, cut off, or glare covers it",
-            advice="give its four corners: --corners SIDE:X,Y,X,Y,X,Y,X,Y in pixels of the frames",
-        )
+        text = "no 24-patch chart was found in the picture"
+        advice = "give its four corners: --corners SIDE:X,Y,X,Y,X,Y,X,Y in pixels of the frames"
+        raise ChartError(text, likely="it is too small, cut off, or glare covers it", advice=advice)
     return best
 
 

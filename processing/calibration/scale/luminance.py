@@ -288,12 +288,9 @@ def _check_spot(image: RelativeImage, found: SpotPixels) -> list[str]:
             raise ScaleError(f"{share[kind]:.0%} of it is {reason}", where="the meter's spot", advice=_OTHER_TARGET)
     moving = 0.0 if image.ghost is None else float(found.share[image.ghost[found.row, found.column] > 0].sum())
     if moving > MAX_GHOST_SHARE:
-        raise ScaleError(
-            f"something moved over {moving:.0%} of the meter's spot (ghost)",
-            where="the meter's spot",
-            likely="a person or a shadow in front of the target",
-            advice="capture again, or give another target",
-        )
+        text = f"something moved over {moving:.0%} of the meter's spot (ghost)"
+        likely = "a person or a shadow in front of the target"
+        raise ScaleError(text, where="the meter's spot", likely=likely, advice="capture again, or give another target")
     return [f"something moved over {moving:.0%} of the meter's spot"] if moving > 0 else []
 
 
@@ -320,11 +317,9 @@ def spot_pixels(geometry: Geometry, spot: Spot) -> SpotPixels:
     x, y, seen = pixels(geometry, _spread(spot.direction(), spot.diameter_rad / 2))
     if not np.all(seen):
         longitude, latitude = math.degrees(spot.longitude_rad), math.degrees(spot.latitude_rad)
-        raise ScaleError(
-            f"the meter's spot at longitude {longitude:.2f}, latitude {latitude:.2f} degrees is outside the picture",
-            likely="a target meant for another camera",
-            advice="give the target's direction: longitude right of the picture's centre, latitude up",
-        )
+        text = f"the meter's spot at longitude {longitude:.2f}, latitude {latitude:.2f} degrees is outside the picture"
+        advice = "give the target's direction: longitude right of the picture's centre, latitude up"
+        raise ScaleError(text, likely="a target meant for another camera", advice=advice)
     column, row = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
     wide, high = geometry.width_px, geometry.height_px
     column = column % wide if isinstance(geometry, Equirectangular) else np.clip(column, 0, wide - 1)

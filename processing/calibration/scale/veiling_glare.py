@@ -118,18 +118,14 @@ def kernel_from_surround(rgb: Floats, validity: Bytes, lens: Fisheye) -> glare_f
 
 def _check_surround(surround: Flags, usable: Flags, inside: Flags) -> None:
     if int(usable.sum()) < MIN_SURROUND_PX or not inside.any():
-        raise LensError(
-            f"{int(usable.sum())} usable pixels around the image circle; {MIN_SURROUND_PX} are needed",
-            likely="a cropped picture, or stops too short to see the surround",
-            advice="give the uncropped frames, or the veil itself",
-        )
+        text = f"{int(usable.sum())} usable pixels around the image circle; {MIN_SURROUND_PX} are needed"
+        likely = "a cropped picture, or stops too short to see the surround"
+        raise LensError(text, likely=likely, advice="give the uncropped frames, or the veil itself")
     dark = 1 - float(usable.sum()) / float(surround.sum())
     if dark > MAX_DARK_SHARE:
-        raise LensError(
-            f"{100 * dark:.0f} % of the surround of the image circle is too dark to measure",
-            likely="veiling glare too weak for the longest frame",
-            advice="add a longer frame, or do not subtract the veil",
-        )
+        text = f"{100 * dark:.0f} % of the surround of the image circle is too dark to measure"
+        likely = "veiling glare too weak for the longest frame"
+        raise LensError(text, likely=likely, advice="add a longer frame, or do not subtract the veil")
 
 
 def without_glare(image: Picture, kernel: glare_fit.GlareKernel) -> Picture:

@@ -48,11 +48,9 @@ class Vignetting:
             raise LensError("vignetting: as many coefficients as powers, and no negative power")
         values = self.evaluate(np.linspace(0, 1, 257))
         if not (np.isfinite(values).all() and values.min() > _LEAST and values.max() < _MOST):
-            raise LensError(
-                f"vignetting between {values.min():.3g} and {values.max():.3g} inside the field",
-                likely="coefficients of another radius unit, or a fit that runs away",
-                advice="r is 1 at the edge of the image circle",
-            )
+            text = f"vignetting between {values.min():.3g} and {values.max():.3g} inside the field"
+            likely = "coefficients of another radius unit, or a fit that runs away"
+            raise LensError(text, likely=likely, advice="r is 1 at the edge of the image circle")
 
     def evaluate(self, r: npt.ArrayLike) -> Doubles:
         """Return V at r (radii); r beyond 1 counts as 1. Both of any one shape; V is 1 on the axis."""
@@ -121,11 +119,9 @@ def _solve(r: Doubles, level: Doubles, scene: Indices, powers: tuple[int, ...], 
         weights = 1 / (1 + (off / (3 * spread)) ** 2)
         normal = slopes.T @ (slopes * weights[:, None]) / r.size
         if np.linalg.eigvalsh(normal)[0] < 1e-7:
-            raise LensError(
-                "the frames do not separate the vignetting from the scene",
-                likely="the camera was turned about its lens's axis, or not turned",
-                advice="turn it by a right angle between the pictures, or photograph a flat field",
-            )
+            text = "the frames do not separate the vignetting from the scene"
+            advice = "turn it by a right angle between the pictures, or photograph a flat field"
+            raise LensError(text, likely="the camera was turned about its lens's axis, or not turned", advice=advice)
         step = np.linalg.solve(normal, slopes.T @ (weights * off) / r.size)
         found = found + step
         if np.abs(step).max() < 1e-9:
