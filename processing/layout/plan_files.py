@@ -2,14 +2,22 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from processing.errors import PlanError
+from processing.ground.room_model import read_json
 from processing.layout.plan import HEAD_M, HEIGHT_M, SILL_M, Door, FloorPlan, Hung, Window, make_plan
 
+MAX_BYTES = 4_000_000  # chosen: beyond any plan
 MAX_CORNERS = 2000  # chosen: beyond any room
 TO_THE_FLOOR = ("balcony", "terrace", "garden")
 """Windows that lead there are taken to reach the floor where no sill is given."""
+
+
+def read_plan(path: Path) -> FloorPlan:
+    """Read one plan; raise `PlanError` for a file that is absent, too large, no JSON, or no plan."""
+    return plan_from_mapping(read_json(path, PlanError, MAX_BYTES), where=path.name)
 
 
 def plan_from_mapping(data: object, *, where: str) -> FloorPlan:

@@ -239,8 +239,7 @@ def _write(path: Path, image: RelativeImage | LuminanceImage, coding: str, halve
 
 def _plain_name(path: Path) -> str:
     """Return a path as the library takes it; `PictureFileError` for one that is not UTF-8."""
-    name = str(path)
-    if name.encode(errors="replace").decode() != name:
+    if (name := str(path)).encode(errors="replace").decode() != name:
         raise refused(path, "is in a folder whose name is not UTF-8", advice="rename that folder")
     return name
 

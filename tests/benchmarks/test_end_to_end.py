@@ -15,22 +15,18 @@ from benchmarks.whole.end_to_end_plot import spread_lines, table_lines, worst_of
 from benchmarks.whole.end_to_end_room import staged_room
 from benchmarks.whole.end_to_end_run import _quantiles
 from mocks.rooms.room import make_room
-from processing.api import floor_plan
 from processing.errors import BracketError
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import PlacedItem
 from processing.layout.items import parse_items
+from processing.layout.plan_files import read_plan
 
 
 def placed(folder: Path) -> tuple[PlacedItem, ...]:
     corners = [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.5], [-2.0, 2.5]]
     door = {"kind": "door", "edge": 0, "t0": 0.3, "t1": 1.2}
     (folder / "plan.json").write_text(json.dumps({"polygon": corners, "openings": [door]}))
-    return (
-        arrange(floor_plan(folder / "plan.json", keep_camera_free=False), parse_items("desk"), "tight", n=1)
-        .arrangements[0]
-        .items
-    )
+    return arrange(read_plan(folder / "plan.json"), parse_items("desk"), "tight", n=1).arrangements[0].items
 
 
 def test_medians_are_over_what_rooms_have() -> None:

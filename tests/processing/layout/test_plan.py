@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from processing.api import floor_plan
 from processing.errors import PlanError
 from processing.ground.room_model import starter_room
 from processing.layout.plan import Door, Window, from_room_model, make_plan
-from processing.layout.plan_files import plan_from_mapping, plan_to_mapping
+from processing.layout.plan_files import plan_from_mapping, plan_to_mapping, read_plan
 
 SQUARE = [[0, 0], [4, 0], [4, 3], [0, 3]]
 
@@ -78,7 +77,7 @@ def test_a_plan_is_the_same_after_json(tmp_path: Path) -> None:
     )
     path = tmp_path / "plan.json"
     path.write_text(json.dumps(plan_to_mapping(plan)))
-    again = floor_plan(path, keep_camera_free=False)
+    again = read_plan(path)
     assert np.array_equal(again.corners, plan.corners)
     assert (again.doors, again.windows, again.keep_free) == (plan.doors, plan.windows, plan.keep_free)
     assert np.array_equal(again.holes[0], plan.holes[0])
@@ -89,7 +88,7 @@ def test_files_that_are_no_plan_are_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "plan.json"
     path.write_text(text)
     with pytest.raises(PlanError):
-        floor_plan(path, keep_camera_free=False)
+        read_plan(path)
 
 
 def test_unknown_sills_are_said() -> None:
