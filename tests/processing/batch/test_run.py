@@ -30,6 +30,7 @@ from processing.batch.run import BatchReport, find_sessions
 from processing.batch.work import Outcome
 from processing.commands.batch import summary_lines
 from processing.errors import ClusterError, ParameterError
+from processing.ground.room_model import starter_room, write_room
 from tests.station.session.sessions import complete_session
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -263,6 +264,9 @@ def test_arguments_reach_each_session_as_they_were_given(tmp_path: Path, monkeyp
     monkeypatch.chdir(tmp_path)
     (tmp_path / "room.json").write_text("{}")
     words = ["--until", "room", "--force", "merge", "--k1", "2.5", "--room", "room.json", "--max-error", "0.02"]
+    assert daylit.main(["batch", str(tmp_path), *words]) == 5
+    assert not seen, "a file that no session could use ends the batch before its first one"
+    write_room(tmp_path / "room.json", starter_room(1.6).model_copy(update={"source": "given"}))
     assert daylit.main(["batch", str(tmp_path), *words]) == 5
     given = seen[0]
     assert given[given.index("--room") + 1] == str(tmp_path / "room.json")
