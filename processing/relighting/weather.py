@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from processing.calibration.outdoor.sun_place import Beam, Place, SunPlace, clear_beam, sun_place
+from processing.calibration.outdoor.sun_place import RAYLEIGH, Beam, Place, SunPlace, clear_beam, sun_place
 from processing.errors import DaylightError, ParameterError
 from processing.ground.arrays import Doubles, Vector
 from processing.ground.tables import table_of
@@ -65,7 +65,6 @@ def relative_luminance(rays: Doubles, sun: Vector, five: Doubles) -> Doubles:
 Sky = Literal["captured", "clear", "overcast"]
 MOST_BEAM, LEAST_DIFFUSE, MOST_DIFFUSE = 1.3, 0.03, 6.0  # of a clear sky's: between them the picture is believed
 OVERCAST_GLOBAL = 0.25  # of the clear sky's light on level ground, under clouds (Kasten, Czeplak 1980: 1 - 0.75)
-RAYLEIGH = (0.06, 0.10, 0.20)  # optical depth of clean air for red, green and blue light
 USUAL_SUN, USUAL_SKY = (1.04, 1.0, 0.88), (0.92, 1.0, 1.22)  # colours where none were captured
 _WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
 

@@ -153,8 +153,7 @@ def _find(
     things = fixtures * chances[SceneClass.FIXTURE], chances[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
     furniture, barred = _with_things(furniture, shown, maps, openings, things, flat)
     furniture, boards = _beside_boards(furniture, seen[1], openings)
-    sure = furniture.mask & (chances[SceneClass.FURNITURE] > SURE)
-    sunlight = _sun(rgb, luminance, room, maps, known, (furniture.mask, tripod.mask, sure), others | fixtures)
+    sunlight = _sun(rgb, luminance, room, maps, known, (furniture.mask, tripod.mask, chances), others | fixtures)
     hung = known.two_networks & _hung(fixtures & ~furniture.mask, chances, shown)
     furniture = _without(furniture, sunlight.mask | board | hall | hung)
     hidden, other = furniture.mask | tripod.mask, tripod.mask | sunlight.mask | openings | fixtures
@@ -174,8 +173,8 @@ def _find(
     rests |= (grown(rests, MARGIN_RAD) & ~bar) | (grown(rests, 2 * MARGIN_RAD) & fitted)
     plain, hangs = plain | rests, hangs & ~rests
     shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
-    notes = _notes(furniture, tripod, sunlight, shadow, (board, stand))
-    return _Found(furniture, tripod, sunlight, shadow, panes, hangs, notes)
+    said = _notes(furniture, tripod, sunlight, shadow, (board, stand))
+    return _Found(furniture, tripod, sunlight, shadow, panes, hangs, said)
 
 
 def _hung(fixtures: Flags, chances: Floats, shown: Bytes) -> Flags:
@@ -192,20 +191,27 @@ def _next_floor(chances: Floats, maps: SurfaceMaps, shown: Bytes) -> Flags:
 
 
 def _sun(
-    rgb: Floats, light: Floats, room: RoomModel, maps: SurfaceMaps, known: _Known, gone: tuple[Flags, ...], bar: Flags
+    rgb: Floats,
+    light: Floats,
+    room: RoomModel,
+    maps: SurfaceMaps,
+    known: _Known,
+    gone: tuple[Flags, Flags, Floats],
+    bar: Flags,
 ) -> SunFound:
-    """Return direct sunlight; ``gone``: furniture, tripod, and what is furniture for sure; ``bar``: doors, windows,
+    """Return direct sunlight; ``gone``: furniture, tripod, and the probabilities (8, H, W); ``bar``: doors, windows,
     fixtures, (H, W) each."""
     if not known.sun_possible:
         return SunFound(np.zeros(bar.shape, bool), None, "the sky has no sun")
-    furniture, tripod, sure = gone
+    furniture, tripod, chances = gone
     hidden, surface = furniture | tripod, (maps.opening < 0) & (maps.plane != CEILING)
     bare = surface & ~grown(hidden, math.pi / rgb.shape[0])
     # The network takes patches of sun for furniture: what has the colour of the surface behind it may be one, unless
     # it is sure of it in a room where it knows sun on the floor.
     floor = bare & (maps.plane == FLOOR)
     known_sun = floor.any() and (light[floor] > SURE_RATIO * np.median(light[floor])).sum() > LEAST_PX
-    unsure = surface & furniture & ~tripod & ~(sure & known_sun)
+    sure = known_sun & (chances[SceneClass.FURNITURE] > SURE)
+    unsure = surface & furniture & ~tripod & ~sure
     bare |= coloured_as_behind(rgb, maps.plane, unsure, hidden | (maps.opening >= 0))
     if known.sun is None:
         bare &= ~bar

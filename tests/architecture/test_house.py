@@ -36,8 +36,8 @@ FORBIDDEN_NAMES = {"utils.py", "helpers.py", "misc.py", "common.py", "manager.py
 LINES = {
     "drivers": 6_582,
     "station": 10_569,  # other disks, other bodies of a camera, other people's files; mocks gave as much
-    "mocks": 14_245,
-    "processing": 59_461,  # floors board by board, a lift that doubts, light on furniture, frames of windows
+    "mocks": 14_252,
+    "processing": 59_559,  # floors board by board, a lift that doubts, light on furniture, frames of windows
     "studio": 816,
 }
 """The budget of lines of each room."""

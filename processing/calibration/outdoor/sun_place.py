@@ -21,6 +21,7 @@ from station.session.session import SessionManifest, Side, Site
 WATER_CM = 1.5  # precipitable water, the usual mid-latitude value, where none is given
 _CLEARNESS_EDGES: list[float] = table_of(__package__, "efficacy")["clearness_edges"]
 _LM_W: dict[str, list[list[float]]] = table_of(__package__, "efficacy")["lm_w"]
+RAYLEIGH = (0.06, 0.10, 0.20)  # optical depth of clean air for red, green and blue light
 BEAM_UNCERTAINTY = 0.12  # relative, standard: the clear-sky model by its turbidity (10 %) and the efficacy (5 %)
 
 

@@ -10,15 +10,16 @@ from dataclasses import replace
 import numpy as np
 
 from processing.calibration.outdoor.sun_disc import SUN_RADIUS_RAD, SUN_SOLID_ANGLE_SR, Window, find_sun, window_at
-from processing.calibration.outdoor.sun_place import Beam
+from processing.calibration.outdoor.sun_place import RAYLEIGH, Beam
 from processing.calibration.scale.photometry import level_lx
 from processing.errors import ParameterError, SunError
 from processing.ground.arrays import Doubles
 from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
 
 _GRID = 9  # samples a side of each pixel on the disc
-SUN_RGB = (1.11, 0.99, 0.85)
-"""The colour of the sun's disc, Rec. 709 of about 5500 K (CIE daylight): what a clipped pixel does not show."""
+TOP_RGB = (1.09, 1.0, 0.96)  # colour of the sun above the atmosphere, Rec. 709 (ASTM E490)
+AEROSOL = (0.09, 0.10, 0.12)
+"""Optical depth for red, green and blue light of usual clear air: 0.1 at 550 nm, Angstrom exponent 1.3 (Iqbal 1983)."""
 BRIGHTEST_CD_M2 = 2.1e9  # above the atmosphere: no sun is brighter (133 klx over 6.8e-5 sr, with margin)
 
 
@@ -56,7 +57,7 @@ def repair_sun(
         text = f"the sun would be {luminance:.3g} cd/m2"
         likely = "the reading, k1 or k2 is wrong, or the sun was behind a cloud"
         raise SunError(text, likely=likely, advice="check the illuminance reading and its time")
-    done = _painted(empty, window, cover, luminance, sigma)
+    done = _painted(empty, window, cover, luminance * _colour(sun.elevation_rad), sigma)
     note = (
         f"the clipped sun was restored from {'a clear-sky model' if beam else 'the illuminance reading'}: "
         f"{luminance:.3g} cd/m2 (standard uncertainty {sigma:.0%}), {normal * sine * seen:.4g} lx horizontal, plus "
@@ -116,14 +117,21 @@ def _without_sun(image: LuminanceImage, window: Window, cover: Doubles) -> Lumin
     return replace(image, rgb=rgb)
 
 
-def _painted(image: LuminanceImage, window: Window, cover: Doubles, luminance: float, sigma: float) -> LuminanceImage:
-    """Return the picture with the disc added, its pixels marked, their uncertainty set."""
-    colour = np.array(SUN_RGB, dtype=np.float32)
-    colour = colour / luminance_cd_m2(colour)
+def _colour(elevation_rad: float) -> Doubles:
+    """Return the RGB (3,) of luminance 1 that air leaves of the sun: what clipped pixels do not show."""
+    import pvlib
+
+    mass = float(pvlib.atmosphere.get_relative_airmass(90 - math.degrees(max(elevation_rad, 0.0))))
+    rgb = np.array(TOP_RGB) * np.exp(-mass * (np.array(RAYLEIGH) + AEROSOL))
+    return np.asarray(rgb / luminance_cd_m2(rgb))
+
+
+def _painted(image: LuminanceImage, window: Window, cover: Doubles, disc_rgb: Doubles, sigma: float) -> LuminanceImage:
+    """Return the picture with the disc added (3,), its pixels marked, their uncertainty set."""
     rgb, uncertainty, validity = image.rgb, image.uncertainty.copy(), image.validity.copy()
     disc = cover > 0
     part = (window.rows, window.columns)
-    rgb[part] += (cover[..., None] * luminance).astype(np.float32) * colour
+    rgb[part] += (cover[..., None] * disc_rgb).astype(np.float32)
     uncertainty[part][disc] = np.float32(max(sigma, 1e-6))
     validity[part][disc] = Validity.REPAIRED
     return replace(image, uncertainty=uncertainty, validity=validity)

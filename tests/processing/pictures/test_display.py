@@ -16,8 +16,6 @@ from processing.pictures import display
 from processing.pictures.display import (
     AS_GIVEN,
     BRIGHT_LEVEL,
-    CALM,
-    CALM_SPREAD,
     DAYLIGHT_SHARE,
     KNEE,
     LEAST_VIEW,
@@ -29,6 +27,7 @@ from processing.pictures.display import (
     screen,
     spot_colour,
 )
+from processing.pictures.whites import CALM, CALM_SPREAD
 
 WARM = np.array([1.3, 1.0, 0.55])
 SHAPE = (64, 128)

@@ -27,6 +27,7 @@ from processing.calibration.outdoor.sun_place import (
 from processing.calibration.outdoor.sun_repair import repair_sun
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ParameterError, SunError
+from processing.ground.colour import XYZ_OF_RGB
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.sphere import LensMapping
 from tests.processing.calibration.outdoor.sky_pictures import in_cd_m2, optics_of, sky_picture, true_horizontal_lx
@@ -162,6 +163,19 @@ def test_repaired_from_a_clear_sky() -> None:
     assert sun_lx == pytest.approx(beam.normal_lx * math.sin(elevation), rel=0.01)
     assert illuminance_lx(done).value_lx == pytest.approx(sun_lx + rest_lx, rel=0.01)
     assert "clear-sky" in note
+
+
+@pytest.mark.parametrize(("elevation_deg", "low_k", "high_k"), [(60, 5200, 5800), (25, 4600, 5300), (10, 3500, 4300)])
+def test_a_repaired_sun_has_the_colour_of_its_height(elevation_deg: float, low_k: float, high_k: float) -> None:
+    """Colour temperatures of direct sun in clear air, as handbooks of lighting have them."""
+    import colour
+
+    image = in_cd_m2(corrected(SimpleSky(0.8, math.radians(elevation_deg)), clip=3e5))
+    done, _ = repair_sun(image, beam=clear_beam(NOON, PITTSBURGH))
+    rgb = done.rgb[np.unravel_index(done.rgb[..., 1].argmax(), done.rgb.shape[:2])]
+    xyz = np.asarray(XYZ_OF_RGB) @ rgb
+    found_k = float(colour.temperature.xy_to_CCT(xyz[:2] / xyz.sum(), method="McCamy 1992"))
+    assert low_k < found_k < high_k
 
 
 def test_what_cannot_be_repaired_is_refused() -> None:
