@@ -43,6 +43,7 @@ APART_RAD = math.radians(30)  # between two frames' axes: nearer, they are one p
 MARGIN = 0.015  # of the picture's width, around a piece that counts as whole
 PIECE, CUT, WINDOW, CUT_WINDOW, CORNER, BARE, PLAIN = 1.0, 0.6, 0.6, 0.2, 1.2, 1.0, 2.5
 """Worths and costs: whole and cut pieces, windows, the far corner, no whole piece, columns of plain wall."""
+EMPTY, MOST_EMPTY = 3.0, 0.5  # cost of columns without a piece, beyond that share (chosen)
 AGAIN = 0.3  # of the worth of what an earlier frame shows
 ENOUGH = 0.55  # worth below which no frame more than the fewest is taken
 NEAR_M = 1.1  # a piece nearer than this fills the picture's edge and is not wanted in it
@@ -109,7 +110,10 @@ def frames_of(
     pieces = np.array([thing.name not in OPENINGS for thing in things], bool)
     bare = pieces.any() & ~(seen[:, pieces] == 1).any(axis=1)
     filled = np.array([_overfilled(frame, things, room) for frame in frames])
-    across = [PLAIN * _plain_share(one, things, room) + NEAR_WALL * _near_wall_share(one, room) for one in levels]
+    placed = [thing for thing in things if thing.name not in OPENINGS]
+    empty = [EMPTY * max(0.0, _plain_share(one, placed, room) - MOST_EMPTY) if placed else 0.0 for one in levels]
+    plain = [PLAIN * _plain_share(one, things, room) + cost for one, cost in zip(levels, empty, strict=True)]
+    across = [cost + NEAR_WALL * _near_wall_share(one, room) for cost, one in zip(plain, levels, strict=True)]
     own = np.repeat([_composition(one, room) - cost for one, cost in zip(levels, across, strict=True)], len(DROPS))
     own -= BARE * bare + FILLS * filled
     gain, cut = np.array([(one.worth, one.cut) for one in things]).reshape(-1, 2).T

@@ -110,6 +110,20 @@ def test_columns_of_plain_wall_count_against_a_frame() -> None:
     assert sorted(shares)[1] < 0.35
 
 
+def test_a_staged_frame_shows_what_was_staged_though_it_is_near_and_cut() -> None:
+    """A small dining room: the table is too near to be whole; without it the frame is of the window, behind."""
+    small = ROOM.model_copy(
+        update={
+            "floor": ((-0.9, -1.5), (2.3, -1.5), (2.3, 2.1), (-0.9, 2.1)),
+            "openings": (Opening(kind=OpeningKind.WINDOW, wall=0, start_m=0.8, end_m=2.4, sill_m=0.9, head_m=2.1),),
+        }
+    )
+    table = piece("dining table", 1.5, 0.3, (1.4, 0.8, 0.74)), piece("chair", 1.8, 1.0, (0.45, 0.5, 0.85))
+    best = frames_of(small, table, 1, 1)[0]
+    assert _plain_share(best, _pieces(table), small) < 0.5
+    assert _plain_share(frames_of(small, (), 1, 1)[0], _pieces(table), small) > 0.6
+
+
 def test_a_tall_piece_or_a_seat_s_back_does_not_fill_a_frame() -> None:
     """Without their cost the frame would look 36 degrees further to the right, where they fill a third of it."""
     away = piece("desk chair", -0.5, 1.5, (0.6, 0.6, 0.95)).model_copy(update={"theta_rad": 0.32})
