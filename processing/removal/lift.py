@@ -24,9 +24,10 @@ from processing.pictures.images import LuminanceImage, Validity
 from processing.removal.fill import Emptied, Others, PlaneFiller, Quick, empty_room, soften_edges
 from processing.removal.illumination import grey, known_mean
 from processing.removal.plane_fill import LEAST_OPEN
-from processing.removal.shadows import relit
+from processing.removal.shadows import PX_PER_M, relit
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import FIRST_WALL, FLOOR, opening_map, plane_map, planes_of
+from processing.surfaces.textures import unwrap, wrap
 
 BAND_ROWS, MOST_BANDS = 128, 4  # rows lifted at once, and so many times side by side; chosen, 20 MB each at full size
 LIFT_DOUBT = 0.25  # share of a log ratio that is its standard uncertainty (measured: docs/measurements/emptying.md)
@@ -85,7 +86,6 @@ def lifted(
     others = others or Others()
     foreign, no_surface = others.foreign, others.no_surface(target)
     glass = _seen_windows(opening, target, room) | (no_surface & ~target & (plane == FLOOR))
-    opened = opening >= 0
     planes = _by_plane(shade, room, _put_on(image, len(shade.seen)))
     reflectance, change = image.rgb.copy(), np.zeros(target.shape, np.float32)
     _in_bands(partial(_multiplied, reflectance, change), planes, plane, glass, UNLIT)
@@ -106,7 +106,7 @@ def lifted(
     rgb[same] = seen
     # Each plane has its own light: their edges are mixed again.
     soften_edges(rgb, target, room, geometry)
-    even = _without_halos(rgb, target, opened if foreign is None else foreign | opened, room)
+    even = np.pad(wrapped(evened(done, target, room, others, sunlight), 1), ALONE)
     apart = glass | ~(target | (stays & (change != 0)))
     _in_bands(partial(_multiplied, rgb, change), [even], None, apart, GAIN)
     change[~stays] = 0
@@ -143,23 +143,43 @@ HALO_ROWS, HALO_RAD = 512, (math.radians(0.5), math.radians(3.0), math.radians(2
 filling's rim it may lie. These and the next chosen by looking at five real rooms."""
 MOST_HALO, HALO_THING = 0.12, 0.25
 """Natural logarithm by which a line is taken away at most, twice which it is none; from which a pixel is no wall."""
+GRAIN_M, BROAD_M, NEAR_SHARE = (0.25, 0.1), 0.6, 1 / 3
+LEAST_BLOTCH, MOST_BLOTCH, OTHER_BLOTCH = 0.03, 0.6, 1.0
+"""Of floors with boards or tiles, and of plain ones: what is finer is their grain; what is broader is light; share of
+what is around that is filled, from which blotches go altogether. Natural logarithm that nobody sees, that is taken off
+at most, and from which a place is another thing: dark skirting (chosen by looking at eight real rooms)."""
 
 
-def _without_halos(rgb: Floats, target: Flags, apart: Flags, room: RoomModel) -> Floats:
-    """Return log gains (h, w + 2, 7), laid out as those of `_by_plane`, that take lines off walls beside the target.
+def evened(done: Emptied, target: Flags, room: RoomModel, others: Others, sunlight: Flags | None) -> Floats:
+    """Return log gains (h, 2 h, 3) that take lines off walls beside the target (H, W), and blotches off the floor.
 
     A wall's own rim stays somewhat darker or brighter than what is further away, however well shade is lifted, and its
-    filling is neither: where both meet there is a line along the outline of what was there. ``apart`` (H, W): what is
-    no part of its wall.
+    filling is neither: where both meet there is a line along the outline of what was there. On floors, shade between
+    pieces of furniture stays where it is seen, and goes on into their filling. ``sunlight`` (H, W).
     """
-    rows = min(HALO_ROWS, len(rgb))
+    rows = min(HALO_ROWS, len(target))
+    foreign = np.zeros_like(target) if others.foreign is None else others.foreign
+    never = (foreign | others.no_surface(np.zeros_like(target)) | (False if sunlight is None else sunlight)) & ~target
+    parts = (resized(one.astype(np.float32), (rows, 2 * rows)) > 0.5 for one in (target, foreign, never))
+    gone, thing, apart = parts
+    light = np.nan_to_num(resized(done.image.rgb, (rows, 2 * rows)), posinf=0)
+    gain = _lines(light, gone, thing | (opening_map(room, Equirectangular(2 * rows, rows)) >= 0), room)
+    for plain in (one.how == "plain" for one in done.textures if one.texture.plane.index == FLOOR):
+        gain += _blotches(light, gone, apart, room, GRAIN_M[plain])
+    gain[apart] = 0
+    return gain
+
+
+def _lines(rgb: Floats, target: Flags, apart: Flags, room: RoomModel) -> Floats:
+    """Return log gains (H, W, 3) for the walls of a picture (H, W, 3); ``apart`` (H, W): what is no part of them."""
+    rows = len(rgb)
     narrow, wide, reach = (angle / math.pi * rows for angle in HALO_RAD)
-    light, *flags = (resized(np.asarray(one, np.float32), (rows, 2 * rows)) for one in (rgb, target, apart))
     pad_px = math.ceil(3 * wide)
-    tone, plane = wrapped(np.log(np.maximum(light, 1e-6)), pad_px), plane_map(room, Equirectangular(2 * rows, rows))
-    (gone, other), plane = (wrapped(flag, pad_px) > 0.5 for flag in flags), wrapped(plane, pad_px)
+    tone, plane = wrapped(np.log(np.maximum(rgb, 1e-6)), pad_px), plane_map(room, Equirectangular(2 * rows, rows))
+    gone, other, plane = wrapped(target, pad_px), wrapped(apart, pad_px), wrapped(plane, pad_px)
     rim = cv2.morphologyEx(gone.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
-    near = np.exp(-((cv2.distanceTransform(1 - rim, cv2.DIST_L2, 5) / np.float32(reach)) ** 2))
+    away = np.minimum(cv2.distanceTransform(1 - rim, cv2.DIST_L2, 5), rows)  # no rim: as far as can be
+    near = np.exp(-((away / np.float32(reach)) ** 2))
     gain = np.zeros_like(tone)
     for number in np.unique(plane[(plane >= FIRST_WALL) & (rim > 0)]):
         fit = (plane == number) & ~other
@@ -169,8 +189,29 @@ def _without_halos(rgb: Floats, target: Flags, apart: Flags, room: RoomModel) ->
         off = slow - known_mean(tone, fit, narrow)[0]
         off = np.clip(off, -MOST_HALO, MOST_HALO) * np.clip(2 - np.abs(off) / MOST_HALO, 0, 1)
         gain[fit] = off[fit]
-    gain = (cv2.GaussianBlur(gain, (0, 0), narrow) * near[..., None])[:, pad_px - 1 : pad_px + 2 * rows + 1]
-    return np.pad(gain, ALONE)
+    gain = np.asarray(cv2.GaussianBlur(gain, (0, 0), narrow) * near[..., None], np.float32)
+    return gain[:, pad_px : pad_px + 2 * rows]
+
+
+def _blotches(rgb: Floats, target: Flags, apart: Flags, room: RoomModel, grain_m: float) -> Floats:
+    """Return log gains (H, W, 3) for the floor of a picture (H, W, 3); ``apart`` (H, W): what is no part of it."""
+    geometry, layers = Equirectangular(rgb.shape[1], rgb.shape[0]), (np.log(np.maximum(rgb, 1e-6)), target[..., None])
+    picture = np.concatenate(layers, axis=-1).astype(np.float32)
+    texture = unwrap(picture, geometry, room, planes_of(room)[FLOOR], PX_PER_M, mask=apart)
+    fit, tone = texture.known, texture.values[..., :3]
+    near = known_mean(texture.values[..., 3], texture.known, BROAD_M * PX_PER_M)[0]
+    for _ in range(3):
+        broad = known_mean(tone, fit, BROAD_M * PX_PER_M)[0]
+        own = texture.known & (np.abs(tone - broad).max(axis=-1) < OTHER_BLOTCH)
+        off = broad - known_mean(tone, own, grain_m * PX_PER_M)[0]
+        size = np.abs(off).max(axis=-1)
+        fit = own & (size < MOST_BLOTCH / 2)
+    # All channels by one factor, so that no colour comes out that is not there.
+    share = np.clip(size - LEAST_BLOTCH, 0, MOST_BLOTCH) / np.maximum(size, 1e-6) * own
+    off *= (share * np.clip(near / NEAR_SHARE, 0, 1))[..., None]
+    gain, (values, where) = np.zeros_like(rgb), wrap(off, texture, room, geometry, ~apart)
+    gain[where] = values
+    return gain
 
 
 def _put_on(image: LuminanceImage, rows: int) -> Floats:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Bytes, Flags, Floats
+from processing.ground.arrays import Bytes, Flags, Floats, Int32s
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.ground.seam import components, grown, resized, row_solid_angles, share_of_sphere, smoothed, summed
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
@@ -32,12 +32,15 @@ MARGIN_RAD = math.radians(0.6)
 LEAST_ROWS = 16  # 11 degrees a row; chosen, never swept
 CURTAIN_RAD = math.radians(1.5)  # from a window, where fixtures are its curtains (chosen)
 FLAT = 0.75  # of the floor's distance, and of a fixture: what is that far, and so much of what is, is a rug (chosen)
-BELOW_RAD, MOST_ENDS, STANDING_SR, FRAME_RAD = math.radians(2.5), 0.4, 0.12, math.radians(1.2)
+BELOW_RAD, MOST_ENDS, STANDING_SR, FRAME_RAD = math.radians(2.5), 0.4, 0.15, math.radians(1.2)
 """Fixtures of at most that size stand on furniture that is so near below so much of their lower edge; the network sees
 them by so much too small (chosen by looking at furnished real rooms)."""
 CRUMB_SR, CRUMB_PX = 2e-3, 16
 """Of what stays on a wall of which all around is removed: larger is a picture (chosen); pixels of the working size, for
 what it does not see (chosen)."""
+LIT, CENTRED, SHADE_SR = 20.0, 0.15, 0.03
+"""Of 8-bit sRGB, by which a lamp's shade is brighter than what is around; of its width, how far from its middle its
+pole is; largest size (chosen by looking as those above)."""
 HALL_RAD = math.radians(4)  # above a wall's foot, as far as the next room's floor is seen; less is this one's (chosen)
 SURE = 0.8
 """Probability of furniture from which it is no sun on what is behind, though it has that colour. Chosen on a validation
@@ -265,15 +268,31 @@ def _with_things(
     stays = ~(touches & sure & ((size < STANDING_SR) | lies))
     rugs = (~stays & lies)[labels] & (labels > 0)
     free = sure & ~curtains & (numbers > 0)
-    # What stands on furniture, such as a picture on a chest, goes whole with it.
-    near, ends = pieces.lower_ends(labels, grown(found.mask, BELOW_RAD), count)
-    stands = free & (near > MOST_ENDS * ends) & (size < STANDING_SR)
-    on, stays = stands[labels] & ~rugs, (stays | ~free) & ~stands
-    stays[0] = False
-    barred = beside | stays[labels] | (maps.plane == CEILING)
-    furniture = found.mask | grown(on, FRAME_RAD)
-    mask = with_things(furniture, shown, maps.plane == FLOOR, barred, things[1]) | (rugs & ~beside)
-    return _with(found, mask & ~found.mask), barred
+    mask, goes = found.mask, found.mask
+    for most_sr, likely in ((STANDING_SR, things[1]), (0.0, None)):
+        # What stands on furniture, such as a picture on a chest, goes whole with it; a shade, with the pole found next.
+        near, ends = pieces.lower_ends(labels, below := grown(mask, BELOW_RAD), count)
+        stands = free & (near > MOST_ENDS * ends) & (size < most_sr)
+        stands |= free & (size < SHADE_SR) & _lit_over(labels, below, shown)
+        stays = (stays | ~free) & ~stands
+        stays[0] = False
+        barred = beside | stays[labels] | (maps.plane == CEILING)
+        goes = goes | grown(stands[labels] & ~rugs & ~mask, FRAME_RAD)
+        mask = mask | with_things(goes, shown, maps.plane == FLOOR, barred, likely)
+        goes = np.zeros_like(mask)
+    return _with(found, (mask | (rugs & ~beside)) & ~found.mask), barred
+
+
+def _lit_over(labels: Int32s, below: Flags, shown: Bytes) -> Flags:
+    """Return which of the components (H, W) are lit shades: brighter than what is around, with the middle over what
+    ends ``below`` (H, W) them, a pole or their own rim; ``shown`` (H, W, 3): sRGB."""
+    found, level = np.zeros(labels.max() + 1, bool), shown.mean(axis=-1)
+    for label in np.unique(labels[below & (labels > 0)]):
+        part = labels == label
+        feet, around = (part & below).any(axis=0)[part.any(axis=0)], grown(part, 3 * FRAME_RAD) & ~part
+        centred = abs(float(np.flatnonzero(feet).mean()) / len(feet) - 0.5) < CENTRED
+        found[label] = centred and level[part].mean() > np.median(level[around]) + LIT
+    return found
 
 
 def _board(rgb: Floats, target: tuple[float, float] | None, room: RoomModel, maps: SurfaceMaps) -> tuple[Flags, bool]:

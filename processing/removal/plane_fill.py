@@ -24,6 +24,9 @@ WALL_NCC = 0.72  # of a wall's lattice: what hangs on it imitates one more easil
 LITTLE = 0.15  # share of a floor seen under which a lattice must be as strong as on walls (chosen on two real rooms)
 LEAST_OPEN = 0.05  # share of an opening that is seen, from which it is there (chosen)
 LEAST_BARE = 0.1  # of what is seen of a wall, that must be bare for things on it to be left out (chosen)
+BORDER, OTHER_BORDER = 0.06, 1.0
+"""Share of a wall that is seen, up to which that may be a border, and natural logarithm by which its light then differs
+from other walls' (chosen on one real room of nine)."""
 LEAST_TEXELS = 30  # known texels of a surface, under which it gets one colour
 SEEN, CONTINUED, SYNTHESISED = 0, 1, 2
 SURE = 0.35  # confidence under which what was filled is called synthesised
@@ -117,8 +120,8 @@ def fill_plane(
     known = texture.known & ~hole
     sources = known & ~unfit & ~too_bright(luminance_cd_m2(texture.values), known)
     values = np.where((known | hole)[..., None], texture.values, 0).astype(np.float32)
-    if sources.sum() < 0.002 * max(int((known | hole).sum()), 1) or sources.sum() < LEAST_TEXELS:
-        values[hole] = _colour(values, sources, elsewhere)
+    if (only := _only_colour(values, sources, known | hole, elsewhere, texture.plane.index >= FIRST_WALL)) is not None:
+        values[hole] = only
         confidence = np.where(hole, 0.05, 1).astype(np.float32)
         return FilledPlane(texture, values, hole, confidence, ~hole, "nothing of it is seen: one colour")
     confidence = np.ones(hole.shape, np.float32)
@@ -246,6 +249,15 @@ def _in_one_tone(values: Floats, known: Flags) -> Flags:
     tone = np.ma.masked_array(np.log(np.maximum(grey(values), 1e-6)), ~known)
     apart = np.ma.median(np.abs(tone - np.ma.median(tone, axis=1, keepdims=True)), axis=1)  # type: ignore[no-untyped-call]
     return np.asarray(np.ma.filled(apart, math.inf) < UNLIKE)
+
+
+def _only_colour(values: Floats, known: Flags, whole: Flags, elsewhere: Floats, wall: bool) -> Floats | None:
+    """Return the colour of a surface (H, W, 3) of which next to nothing is ``known`` (H, W), or of a wall but a border
+    unlike the other walls; None: more is."""
+    own, share = _colour(values, known, elsewhere), known.sum() / max(int(whole.sum()), 1)
+    if wall and share < BORDER and abs(math.log(max(own.mean(), 1e-6) / max(elsewhere.mean(), 1e-6))) > OTHER_BORDER:
+        return elsewhere
+    return own if share < 0.002 or known.sum() < LEAST_TEXELS else None
 
 
 def _colour(values: Floats, known: Flags, elsewhere: Floats) -> Floats:

@@ -18,7 +18,7 @@ from processing.pictures.writing import estimated
 from processing.removal.fill import Emptied, Others, Quick, empty_room
 from processing.removal.illumination import meet_rims
 from processing.removal.learned import LamaFiller
-from processing.removal.lift import lifted
+from processing.removal.lift import evened, lifted
 from processing.removal.shadows import relit
 from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.sphere import Equirectangular
@@ -32,7 +32,7 @@ FOREIGN, ANYTHING, OTHER = 0.4, 0.7, 0.1
 """Probability of furniture, fixtures or equipment, and of these with walls and what is in them, from which a floor is
 not filled from a place (chosen; the second by looking at eight real rooms: at .4, three floors were streaky);
 by how much that of another plane's classes is more than of its own, from which a place is no part of it (chosen)."""
-LEAST_GAIN = 1.02  # from which a place counts as relit (chosen: what the eye sees)
+LEAST_GAIN = 1.02  # from which a place counts as relit, and is (chosen: what the eye sees)
 CONFIDENCE_STEPS = 128  # as kept, of 0 to 1 (chosen)
 LIFT_STEP = 2.0**-10  # of log luminance as kept: a thousandth, where shade is known to a tenth (chosen)
 LITTLE = 0.3  # mean confidence of the filled pixels below which there is a warning (chosen)
@@ -99,11 +99,15 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
         return found, change, 0.0
     gain = resized(relit(image.rgb, shadow, (others.no_surface(target), others.foreign), room), target.shape)
     gain[others.no_surface(target)] = 1
-    share = share_of_sphere(largest_channel(gain) > LEAST_GAIN)
     bright = replace(image, rgb=image.rgb * gain)
     done = empty_room(bright, target, room, sunlight=sunlight, others=others, quality=how, filler=filler)
+    even = evened(done, target, room, others, sunlight)
+    even *= np.maximum(1 - math.log(LEAST_GAIN) / np.maximum(np.abs(even).max(axis=-1, keepdims=True), 1e-6), 0)
+    even = np.exp(resized(even, target.shape))
+    done.image.rgb[...] *= even
+    gain[~target] *= even[~target]
     meet_rims(done.image.rgb, done.provenance > 0, planes)
-    return done, None, share
+    return done, None, share_of_sphere(largest_channel(gain) > LEAST_GAIN)
 
 
 def _in_part(context: StageContext) -> bool:

@@ -7,7 +7,11 @@ from typing import Any
 
 from processing.errors import NoRoomError
 from processing.ground.room_model import RoomModel, read_room
+from processing.ground.seam import resized
 from processing.pictures.images import LuminanceImage
+from processing.pictures.preview import preview_rgb8
+from processing.removal.furniture import with_seen_floor
+from processing.removal.masks import WORKING_ROWS
 from processing.room.confidence import check_picture
 from processing.room.estimate import RoomEstimate, estimate_room
 from processing.room.layout_networks import layout_boundary, load_layout_network
@@ -100,10 +104,14 @@ def _evidence(context: StageContext, image: LuminanceImage, turned: Upright, mod
 
 
 def _seen(own: SceneEvidence, image: LuminanceImage, asked: RoomParameters) -> SceneEvidence:
-    """Return our evidence fused with the installed model's, or a user's network's in its place."""
+    """Return our evidence fused with the installed model's, or a user's network's in its place; or alone, with the
+    floor that it hardly sees."""
     network, contract = segmenter_file(asked.segmenter), asked.segmenter_contract
     if network is None:
-        return own
+        if own.boundary is None:
+            return own
+        shown = preview_rgb8(resized(image.rgb, (WORKING_ROWS, 2 * WORKING_ROWS)))
+        return replace(own, probabilities=with_seen_floor(own.probabilities, own.boundary.floor_rad, shown))
     if contract is None:
         return fused(own, image, open_installed(network))
     return segment_around(image, open_segmenter(network, contract), first=own)

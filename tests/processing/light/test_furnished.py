@@ -131,7 +131,7 @@ def test_shade_that_no_standin_explains_is_relit_where_it_was_found(
     for shadow in (None, deep):
         done, change = lifted(darker, furniture, box_room(), shade_of(found)._replace(shadow=shadow), quality="draft")
         off.append(float(np.median(luminance_cd_m2(done.image.rgb)[inner] / true[inner])))
-    assert off[0] < 0.6
+    assert off[0] < 0.8, "evened on the floor, in part"
     assert 0.85 < off[1] < 1.1
     assert change[inner].mean() > 0.3, "and is stated"
 
