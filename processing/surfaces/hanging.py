@@ -16,8 +16,8 @@ from processing.surfaces.maps import CEILING, FIRST_WALL, boundary_latitudes, op
 HALF_M, HALF_PX, LOW_M, BESIDE = 0.45, 170, 1.2, (0.6, 0.75)
 """Half the width that is looked at for what hangs from a ceiling, and its pixels; the height above the floor down to
 which it may hang; shares of that half, from which on the surface behind is learnt, and nothing hangs (chosen)."""
-ODD, BLUR, NOISE, ROUNDS, ALIKE_SIDES, SOLID = (2.8, 4.0), 2.0, 0.003, 6, 0.7, 0.8
-"""In multiples of the noise of the surface behind, by which shades and rods before it differ; standard deviation in
+ODD, CLEAR, BLUR, NOISE, ROUNDS, ALIKE_SIDES, SOLID = (2.8, 4.0), 12.0, 2.0, 0.003, 6, 0.7, 0.8
+"""In multiples of the noise of the surface behind, by which shades and rods before it differ, and clearly; deviation in
 pixels over which shades are compared; least noise (natural logarithm); rounds of fitting; share of it that is seen on
 both sides, and of its convex hull that is seen, from which all of these are it (chosen by looking at a pale shade
 before a pale wall)."""
@@ -91,10 +91,13 @@ def _before(seen: Floats, behind: Int16s, mount: int) -> Flags:
     found, bulk = part & (sharp > rod) & (away < (reach if alike else half)), cv2.erode(_bytes(part), DISC)
     labels = components(part & cv2.dilate(cv2.dilate(bulk, DISC), SQUARE).astype(bool))[1]
     for one in range(1, labels.max() + 1):
-        shade, hull = _bytes(labels == one), np.zeros(part.shape, np.uint8)
+        shade, hull = labels == one, np.zeros(part.shape, np.uint8)
+        # Blurring widens what hardly differs by some pixels, and what does ends where it does by half.
+        clear = (usual := float(np.median(even[shade]))) > CLEAR
+        shade = _bytes(shade & (even > np.maximum(cv2.dilate(even, SQUARE), usual / 2) / 2) if clear else shade)
         cv2.fillConvexPoly(hull, cv2.convexHull(cv2.findNonZero(shade)), 1)
-        # By as much as blurring widened it.
-        found |= cv2.erode(hull if shade.sum() > SOLID * hull.sum() else shade, SQUARE[:5, :5]) > 0
+        brush = SQUARE[:1, :1] if clear else SQUARE[:5, :5]
+        found |= cv2.erode(hull if shade.sum() > SOLID * hull.sum() else shade, brush) > 0
     return np.asarray(cv2.morphologyEx(_bytes(found), cv2.MORPH_CLOSE, SQUARE[:, :1]) > 0)
 
 

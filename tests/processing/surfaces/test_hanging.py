@@ -23,7 +23,7 @@ def _shade(height_m: np.ndarray) -> np.ndarray:
     return np.where((height_m > 1.9) & (height_m <= 2.1), 0.2 - 0.75 * (height_m - 1.9), rod)
 
 
-def panorama(x: float, y: float, *, hung: bool = True) -> tuple[Floats, Flags]:
+def panorama(x: float, y: float, *, hung: bool = True, dark: float = 1.0) -> tuple[Floats, Flags]:
     """Return a room (H, W, 3) of slowly changing light with a pale lamp at (x, y), and where (H, W) its shade is."""
     latitude = ((0.5 - (np.arange(ROWS) + 0.5) / ROWS) * math.pi)[:, None]
     longitude = ((np.arange(2 * ROWS) + 0.5) / ROWS - 1)[None] * math.pi
@@ -36,7 +36,9 @@ def panorama(x: float, y: float, *, hung: bool = True) -> tuple[Floats, Flags]:
     radius_m = _shade(height_m) if hung else np.where(np.abs(height_m - 2.68) < 0.02, 0.06, 0)
     lamp = np.abs(beside_m) < radius_m
     rgb = np.where(
-        lamp[..., None], light[..., None] * np.where((height_m > 2.1)[..., None], 0.3, (0.75, 0.7, 0.62)), rgb
+        lamp[..., None],
+        light[..., None] * np.where((height_m > 2.1)[..., None], 0.3, dark * np.array((0.75, 0.7, 0.62))),
+        rgb,
     )
     noise = 1 + 0.01 * np.random.default_rng(3).standard_normal(rgb.shape)
     return np.asarray(rgb * noise, np.float32), lamp & (height_m < 2.1)
@@ -54,6 +56,17 @@ def test_a_pale_shade_is_found_whole(place: tuple[float, float]) -> None:
     assert (low & shade).sum() / (low | shade).sum() > 0.85
     assert share.max() <= 1
     assert (share > 0.5)[found.mount[0] + 6 : found.mount[0] + 12].any(), "its rod, too"
+
+
+def test_a_dark_shade_has_no_rim_of_wall() -> None:
+    """Blurred, what differs by twenty times the noise is wider by several pixels: a pale rim before a dark wardrobe."""
+    rgb, shade = panorama(1.6, 0.5, dark=0.15)
+    (found,) = hanging(ROOM, rgb, [(1.6, 0.5)])
+    low = np.zeros(rgb.shape[:2], bool)
+    low[found.row, found.column] = found.share > 0.5
+    low[: np.flatnonzero(shade.any(axis=1))[0]] = False
+    assert (low & ~shade).sum() < 0.06 * shade.sum()
+    assert (low & shade).sum() > 0.95 * shade.sum()
 
 
 def test_what_lies_on_the_ceiling_or_is_not_there_hangs_before_no_wall() -> None:
