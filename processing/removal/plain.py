@@ -1,8 +1,7 @@
 """Plain surfaces: walls and ceilings of one colour, with light that falls across them, skirting, and grain.
 
 A hole is filled with the continued light, the profile of the rows beside it (skirting and cornice run level along a
-wall) and grain copied from along the same rows, so that the result is neither smooth nor smeared.
-"""
+wall) and grain copied from along the same rows, so that the result is neither smooth nor smeared."""
 
 from dataclasses import dataclass
 
@@ -13,7 +12,6 @@ from scipy.ndimage import gaussian_filter1d
 from processing.ground.arrays import Flags, Floats
 from processing.ground.colour import largest_channel
 from processing.removal.illumination import ToneScale, blurred, fit_illumination, grey, known_mean, spread
-from processing.removal.near_periodic_fill import shifted, window_around
 
 # What furniture takes from the light of the wall beside it: it does not go on where the furniture is removed.
 #
@@ -57,8 +55,7 @@ def rising_light(light: Floats, clean: Flags, seen: Flags, hole: Flags, px_per_m
     """Return (H, W), >= 0: the tone by which light in the hole is above its membrane; 0 elsewhere, and at the rim.
 
     ``light`` (H, W, 3): tones where ``clean`` (H, W), and in the hole as filled. It rises away from all that is
-    ``seen``, by ``most`` at most. It never falls: a place behind furniture is not darker than around for that.
-    """
+    ``seen``, by ``most`` at most. It never falls: a place behind furniture is not darker than around for that."""
     if not hole.any() or not clean.any():
         return np.zeros(hole.shape, np.float32)
     away = _away_px(hole) / np.float32(NEAR_M * px_per_m)
@@ -113,8 +110,7 @@ def fill_plain(
     ``usual_rows`` (H, 3): tone that rows have on other walls (skirting), where this one's are not seen. ``beside``
     (H, W): what is seen though not to be learnt from; soft shadows there run out in the hole. A surface rougher than
     ``most_rough`` (what is seen through a window) gets no grain. ``px_per_m``: of a wall before which the hole's things
-    stood; the light that they took from it is given back (`occlusion`). None: light goes on as it is at the rim.
-    """
+    stood; the light that they took from it is given back (`occlusion`). None: light goes on as it is at the rim."""
     known = known & ~hole
     scale = ToneScale.of(values, known)
     tone = scale.tone(values)
@@ -158,8 +154,7 @@ def fill_plain(
 def _profile(rest: Floats, known: Flags, hole: Flags, usual: Floats | None) -> Floats:
     """Return (H, 1, 3): each row's median near the hole against the rows around it, as far as it is to be trusted.
 
-    Of rows that are not seen near the hole, what is ``usual``.
-    """
+    Of rows that are not seen near the hole, what is ``usual``."""
     columns = np.flatnonzero(hole.any(axis=0))
     reach = round(NEAR * rest.shape[1]) + 1
     near = slice(max(0, int(columns[0]) - reach), int(columns[-1]) + reach + 1) if len(columns) else slice(None)
@@ -192,8 +187,7 @@ def _other_colours(tone: Floats, known: Flags) -> Flags:
     """Return what has another colour than most of the surface, such as a picture on a painted wall, and its rim.
 
     However large it is; nothing where too much would be: then the surface has several colours. Rows that have it all
-    along (skirting) are the surface's.
-    """
+    along (skirting) are the surface's."""
     if not known.any():
         return np.zeros_like(known)
     mean, _ = known_mean(tone, known, GRAIN_PX)
@@ -229,18 +223,18 @@ def _calm(grain: Floats, clean: Flags) -> Flags:
 
 def _copied_grain(grain: Floats, clean: Flags, hole: Flags) -> Floats:
     """Return (H, W, 3): grain of known pixels of the same rows, else of others, blocks from different places."""
-    out, left, rng = np.zeros_like(grain), hole.copy(), np.random.default_rng(11)
+    out, (y, x), rng = np.zeros_like(grain), np.nonzero(hole), np.random.default_rng(11)
     rows = [(0, int(s * clean.shape[1] * r)) for r in np.arange(0.05, 0.9, 0.06) for s in (1, -1)]
     places = np.argwhere(clean)
     for turn in range(len(rows) + MOST_BLOCKS):
-        if not left.any() or not len(places):
+        if not len(y) or not len(places):
             break
-        dy, dx = rows[turn] if turn < len(rows) else rng.choice(places) - rng.choice(np.argwhere(left))
-        part = window_around(left)
-        copy, there = shifted(grain, clean, np.array([dx, dy], np.float64), part, cubic=False)
-        take = left[part] & there
-        out[part][take] = copy[take]
-        left[part] &= ~take
+        dy, dx = rows[turn] if turn < len(rows) else rng.choice(places) - rng.choice(np.column_stack([y, x]))
+        i, j = y + dy, x + dx
+        take = (i >= 0) & (i < clean.shape[0]) & (j >= 0) & (j < clean.shape[1])
+        take[take] = clean[i[take], j[take]]
+        out[y[take], x[take]] = grain[i[take], j[take]]
+        y, x = y[~take], x[~take]
     return out
 
 

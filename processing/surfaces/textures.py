@@ -175,28 +175,32 @@ def _alone(planes: Any, row: int, column: int) -> bool:
 def _wrapped(texture: _Rectified, index: int, seen: _Seen, out: Any) -> None:
     """Fill ``out`` (N, C) for pixels that see plane ``index``, each averaged over the part of it that sees the plane.
 
-    The plane is met at most once by a ray: u and v of the place are dot products with the plane's axes.
-    """
+    The plane is met at most once by a ray: u and v of the place are dot products with the plane's axes."""
     axes, px_per_m, inside, values = texture
     planes, rows, columns, yaw_rad, floor, camera_m, ceiling_m = seen
     corner, u_axis, v_axis, normal = axes[0], axes[1], axes[2], axes[3]
     height, width = planes.shape
     row_rad, column_rad = np.pi / height, 2 * np.pi / width
     sums = np.zeros(values.shape[2])
+    middles, right = np.pi / 2 - (np.arange(height) + 0.5) * row_rad, np.arange(width) + 0.5 - width / 2
+    right = right * column_rad + yaw_rad
+    sines, cosines, tangents = np.sin(middles), np.cos(middles), np.tan(middles)
+    rights, aheads = np.sin(right), np.cos(right)
     distance = corner[0] * normal[0] + corner[1] * normal[1] + corner[2] * normal[2]
     for p in range(rows.shape[0]):
         whole = _alone(planes, rows[p], columns[p])
-        latitude = np.pi / 2 - (rows[p] + 0.5) * row_rad
-        longitude = (columns[p] + 0.5 - width / 2) * column_rad + yaw_rad
-        facing = np.cos(latitude) * (np.sin(longitude) * normal[0] + np.cos(longitude) * normal[1])
-        facing = max(abs(facing + np.sin(latitude) * normal[2]), 1e-6)
+        i, j = rows[p], columns[p]
+        facing = cosines[i] * (rights[j] * normal[0] + aheads[j] * normal[1])
+        facing = max(abs(facing + sines[i] * normal[2]), 1e-6)
         fine = _fineness(abs(distance) / facing**2 * row_rad * px_per_m)
         sums[:] = 0.0
         count = 0
         for a in range(fine * fine):
-            lat = np.pi / 2 - (rows[p] + (a // fine + 0.5) / fine) * row_rad
-            lon = (columns[p] + (a % fine + 0.5) / fine - width / 2) * column_rad + yaw_rad
-            dx, dy, dz = np.sin(lon), np.cos(lon), np.tan(lat)
+            dx, dy, dz = rights[j], aheads[j], tangents[i]
+            if fine > 1:
+                lat = np.pi / 2 - (i + (a // fine + 0.5) / fine) * row_rad
+                lon = (j + (a % fine + 0.5) / fine - width / 2) * column_rad + yaw_rad
+                dx, dy, dz = np.sin(lon), np.cos(lon), np.tan(lat)
             if not whole and _plane_met(floor, dx, dy, dz, camera_m, ceiling_m) != index:
                 continue
             towards = dx * normal[0] + dy * normal[1] + dz * normal[2]
@@ -272,8 +276,7 @@ def unwrap(
     ``marks`` (H, W): bits that are further channels of the texture, 0 or 1 in the picture, and how many.
 
     Texels coarser than the panorama's pixels are means of up to 64 samples; finer ones are linear between pixels.
-    Raises `ParameterError`: sizes that do not fit; `RoomError`: the room cannot stand.
-    """
+    Raises `ParameterError`: sizes that do not fit; `RoomError`: the room cannot stand."""
     light = _checked(picture, geometry)
     check_stands(room)
     hidden = np.zeros((0, 0), np.uint8) if mask is None else _checked_mask(mask, geometry).view(np.uint8)
@@ -302,8 +305,7 @@ def wrap(
     sees; values must be right there, and nowhere else. ``planes`` (H, W): `plane_map`, if known.
 
     Raises `ParameterError`: values that do not have the texture's size; a mask of another size; `RoomError`: the room
-    cannot stand.
-    """
+    cannot stand."""
     plane, shape = texture.plane, texture.density.shape
     if values.ndim not in (2, 3) or values.shape[:2] != shape:
         raise ParameterError(f"values of shape {values.shape} for {plane.name}", advice=f"give {shape}")

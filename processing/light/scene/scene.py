@@ -3,8 +3,7 @@
 World axes and units as in docs/reference/coordinates.md; radiance is linear RGB in cd/m2, irradiance in lx, albedo 0
 to 1.
 Light goes from surface to surface as if all were matte (Lambert); what the eye sees of furniture and of glossy floors
-has highlights besides (`highlights`).
-"""
+has highlights besides (`highlights`)."""
 
 import math
 from collections.abc import Callable
@@ -40,8 +39,7 @@ def transmittance_at(cosine: Doubles, head_on: Vector, sheets: int) -> Doubles:
     """Return the transmittance (N, 3) of panes of clear glass at cosines (N,) of incidence, 0 to 1.
 
     ``head_on`` is that at a cosine of 1, of all ``sheets`` together; more than bare reflection leaves is taken as glass
-    that absorbs nothing.
-    """
+    that absorbs nothing."""
     cos_out = np.clip(np.asarray(cosine, np.float64), 0, 1)
     cos_in = np.sqrt(1 - (1 - cos_out**2) / INDEX**2)
     open_share = _unabsorbed(cos_out, cos_in, sheets)
@@ -333,8 +331,7 @@ def shell_of(
     that of each window by its number among the openings (1 where it is not given); ``sheets`` of clear glass let it
     fall with the angle (`scene.Pane`).
 
-    Raises `RoomError`: the room cannot stand.
-    """
+    Raises `RoomError`: the room cannot stand."""
     check_stands(room)
     if not 0 <= reveal_m <= 2:
         raise ParameterError(f"reveals {reveal_m} m deep", advice="give 0 to 2", reveal_m=True)

@@ -50,8 +50,7 @@ class Stage:
     def met(self, origins: Floats, directions: Floats, hits: Hits) -> tuple[Int32s, Floats]:
         """Return which patch each ray met (N,) (-1 for panes, backs and nothing) and the cosine there (N,).
 
-        ``origins`` (N, 3), m; ``directions`` (N, 3), unit.
-        """
+        ``origins`` (N, 3), m; ``directions`` (N, 3), unit."""
         patch, facing = np.empty(len(directions), np.int32), np.empty(len(directions), np.float32)
         met_patches(origins, directions, hits.triangle, hits.distance_m, self.patches.ownership, patch, facing)
         return patch, facing
@@ -101,8 +100,7 @@ def part_albedo(part: Part, face: Int32s, places: Doubles, wide_m: Doubles | flo
     """Return the albedo (N, 3) of places (N, 3), m, on a part's faces (N,); metals count as matte of their base
     colour.
 
-    ``wide_m`` (N,): of what a pixel shows of each place; a texture is averaged over it (trilinear); 0: points.
-    """
+    ``wide_m`` (N,): of what a pixel shows of each place; a texture is averaged over it (trilinear); 0: points."""
     colour = np.array(part.material.colour, np.float64)
     texture = part.material.texture
     if texture is None or part.uv is None:
@@ -110,8 +108,9 @@ def part_albedo(part: Part, face: Int32s, places: Doubles, wide_m: Doubles | flo
     uv = on_faces(part, np.asarray(part.uv, np.float64), face, places)
     u, v = uv[:, 0] % 1.0, 1 - uv[:, 1] % 1.0
     level, found = np.log2(np.maximum(wide_m * part.texels_per_m, np.ones(len(face)))), np.zeros((len(face), 3))
-    for number, smaller in enumerate(part.levels):
-        share = np.maximum(1 - np.abs(np.minimum(level, len(part.levels) - 1) - number), 0)
+    level = np.minimum(level, len(part.levels) - 1)
+    for number, smaller in enumerate(part.levels[: int(level.max(initial=0)) + 2]):
+        share = np.maximum(1 - np.abs(level - number), 0)
         mine = np.flatnonzero(share)
         found[mine] += share[mine, None] * _sampled(smaller, u[mine], v[mine], cv2.BORDER_WRAP)
     return colour * found
