@@ -1,8 +1,7 @@
 """The room, emptied: each plane's hole is filled in its rectified texture and drawn back into the panorama.
 
 Fills never cross an edge between planes: those edges are the layout's. Pixels outside the target stay bit for bit
-(Ji et al. 2023, section 4, there with NPP-Net and LaMa).
-"""
+(Ji et al. 2023, section 4, there with NPP-Net and LaMa)."""
 
 import hashlib
 import math
@@ -55,8 +54,7 @@ FINER = 1.25  # texels to a panorama's pixel where the plane is nearest, so that
 def sunlit(values: Floats, known: Flags, hole: Flags, sun: Flags) -> tuple[Floats, Floats]:
     """Return the texture (H, W, 3) with sunlight in its filled ``hole``, and how far each texel is lit (H, W), 0..1.
 
-    ``sun`` (H, W): known texels in direct sunlight; ``known`` all known ones. Outside the hole nothing changes.
-    """
+    ``sun`` (H, W): known texels in direct sunlight; ``known`` all known ones. Outside the hole nothing changes."""
     nothing = np.zeros(hole.shape, np.float32)
     near = cv2.dilate(hole.astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8)).astype(bool)
     sun = _whole(values, known, sun & known) if sun.any() else sun
@@ -185,8 +183,7 @@ def empty_room(
     ``quality``: draft, standard or reference: how fine textures may be; `Quick`: of a preview.
     ``own``: the light of ``image`` may be drawn in.
     Raises `ParameterError`: sizes that do not fit; a picture that is not equirectangular; an unknown quality;
-    `RoomError`: the room cannot stand; `RemovalError`: a target that covers all that is seen.
-    """
+    `RoomError`: the room cannot stand; `RemovalError`: a target that covers all that is seen."""
     others = others or Others()
     foreign, boards, _ = others
     geometry = _checked(image, target, sunlight, foreign, quality)
@@ -233,10 +230,9 @@ def _filled(
     seen: _Seen, hidden: list[Plane], quality: str | Quick, skirting: Skirting | None, filler: PlaneFiller | None
 ) -> list[FilledPlane]:
     """Return the filled textures of planes, in their order; the floor alone takes nothing from what is foreign."""
-    floor = replace(seen, marks=seen.marks | (seen.marks >> np.uint8(2) & np.uint8(1)))
 
     def fill(plane: Plane) -> FilledPlane:
-        done = _plane(floor if plane.index == FLOOR else seen, plane, quality, skirting)
+        done = _plane(seen, plane, quality, skirting)
         done = done if filler is None else filler(done)
         give_back()  # what it was filled with
         return replace(done, texture=replace(done.texture, values=done.values))  # what was seen stands there, too
@@ -280,7 +276,9 @@ def _unfit(target: Flags, sunlight: Flags | None) -> Flags:
 def _plane(seen: _Seen, plane: Plane, quality: str | Quick, skirting: Skirting | None) -> FilledPlane:
     geometry, room = seen.geometry, seen.room
     px_per_m = texture_density(plane, room, geometry, quality)
-    texture = unwrap(seen.light, geometry, room, plane, px_per_m, mask=seen.masked, marks=(seen.marks, 3))
+    marks = seen.marks if plane.index != FLOOR else seen.marks | (seen.marks >> np.uint8(2) & np.uint8(1))
+    texture = unwrap(seen.light, geometry, room, plane, px_per_m, mask=seen.masked, marks=(marks, 3))
+    del marks
     limits = (MIXED_SHARE, 0.5, 0.5)
     mixed, sunny, other = (texture.known & (texture.values[..., 3 + k] > limit) for k, limit in enumerate(limits))
     texture = replace(texture, values=np.ascontiguousarray(texture.values[..., :3]))
@@ -335,8 +333,7 @@ def soften_edges(out: Floats, target: Flags, room: RoomModel, geometry: Equirect
     """Mix, in place, the target's pixels of a panorama (H, W, 3) that lie on an edge of floor or ceiling.
 
     Within `SOFT_PX` of it they show what is above and below by their shares. Nothing outside the target changes. Edges
-    between walls are upright in the picture, and have no steps.
-    """
+    between walls are upright in the picture, and have no steps."""
     for rows in boundary_rows(room, geometry):
         reach = SOFT_PX * np.minimum(np.hypot(1, np.gradient(rows)), STEEPEST)
         above, below = np.floor(rows - reach - 0.5).astype(np.intp), np.ceil(rows + reach - 0.5).astype(np.intp)

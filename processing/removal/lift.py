@@ -2,8 +2,7 @@
 
 A filling that copies seen pixels copies the shade in which they lie; reflectance has none. So holes are filled in the
 picture of pi x radiance over irradiance among the furniture, and then lit as the empty room is. Pixels that stay change
-by the same ratio of lights, guarded against ghosts (`light.scene.furnished`).
-"""
+by the same ratio of lights, guarded against ghosts (`light.scene.furnished`)."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -78,8 +77,7 @@ def lifted(
 
     Parameters are those of `removal.fill.empty_room`, which fills the holes. Outside the target, pixels change by the
     shade that is lifted off them, and state that in their uncertainty; windows, and what lies outside the picture or is
-    clipped, stay as they are, bit for bit. The textures of the result are reflectances.
-    """
+    clipped, stay as they are, bit for bit. The textures of the result are reflectances."""
     geometry = image.geometry
     assert isinstance(geometry, Equirectangular)
     plane, opening = plane_map(room, geometry), opening_map(room, geometry)
@@ -95,13 +93,17 @@ def lifted(
         _in_bands(partial(_taken_off, reflectance, change), [np.pad(wrapped(gain, 1), ALONE)], None, no_surface, PLAIN)
         # What a lamp's glow has clipped shows no more than that it was lit.
         burnt = (change - shaded < -BURNT) & (image.validity == Validity.CLIPPED)
-    target = target | (change > DEEP) | burnt
-    del gain, shaded, burnt, opening, no_surface  # which are large, before planes are filled
+    target, shade = target | (change > DEEP) | burnt, shade._replace(shadow=None)
+    del gain, shaded, burnt, opening, no_surface, plane  # which are large, before planes are filled
     stays = ~target & (image.validity == Validity.VALID)
     same = ~(target | (stays & (change != 0)))
     image, seen = replace(image, rgb=reflectance), image.rgb[same]  # so that the photograph is not held meanwhile
+    packed = [np.packbits(flags) for flags in (glass, stays, same)]
+    del glass, stays, same
     done = empty_room(image, target, room, sunlight=sunlight, others=others, quality=quality, filler=filler, own=True)
-    rgb = done.image.rgb
+    rgb, plane = done.image.rgb, plane_map(room, geometry)
+    unpacked = (np.unpackbits(flags, count=target.size).reshape(target.shape).view(np.bool_) for flags in packed)
+    glass, stays, same = unpacked
     _in_bands(partial(_multiplied, rgb, change), planes, plane, glass, LIT)
     rgb[same] = seen
     # Each plane has its own light: their edges are mixed again.
@@ -239,8 +241,7 @@ def _by_plane(shade: Shade, room: RoomModel, much: Floats) -> list[Floats]:
     """Return, for each plane of the room, log change, how ``much`` (h, w) of it is put on, and log light (h, w + 2, 7),
     continued beyond it, a column round the seam.
 
-    Of a wall that the picture shows as a sliver this size may have no pixel: it is lit as what is around.
-    """
+    Of a wall that the picture shows as a sliver this size may have no pixel: it is lit as what is around."""
     high, wide = shade.seen.shape
     plane = plane_map(room, Equirectangular(wide, high))
     light = np.log(np.maximum(shade.without_lx, 1e-6))
@@ -293,7 +294,8 @@ def _sampled(layers: Any, which: Any, glass: Any, at: Any, usual: Any, parts: An
     (P, h, w, 7), linear between pixels. What is seen through ``glass`` (H, W) is not lit by the room: it goes on as it
     is, in one light, ``usual`` (7,)."""
     (_, height, width, channels), (x, y) = layers.shape, at
-    found = np.empty(channels, np.float32)
+    found = np.zeros(channels, np.float32)
+    channels = channels if parts[2] != 0 else 4 if parts[1] != 0 else 3  # that have a weight
     for i in range(which.shape[0]):
         up = min(max(int(np.floor(y[i])), 0), height - 1)
         down, lower = min(max(int(np.floor(y[i])) + 1, 0), height - 1), y[i] - np.floor(y[i])

@@ -55,8 +55,7 @@ def hanging(
 
     They become darker or brighter from row to row as those do that are seen there, as far as they do so where they are
     seen themselves: a curtain's hem runs on, a frame beside a pane does not change. ``even``: nothing does. A column of
-    which nothing is known is as those beside it.
-    """
+    which nothing is known is as those beside it."""
     scale, rows = ToneScale.of(values, known), np.arange(len(known))[:, None]
     tall = 2 * round(max(strip_m * px_per_m, STRIP_PX) / 2) + 1
     share = cv2.blur(known.astype(np.float32), (1, tall))[..., None]
@@ -114,8 +113,7 @@ def fill_plane(
     ``apart``: texels (H, W) that are known but not copied (sunlight, mixed pixels); what is probably no part of a wall
     (pictures, mirrors, curtains).
     ``elsewhere`` (3,) is the colour of like planes, taken where too little of this one is known; ``skirting`` that of
-    the room, for walls that hide their own.
-    """
+    the room, for walls that hide their own."""
     unfit, things = apart
     known = texture.known & ~hole
     sources = known & ~unfit & ~too_bright(luminance_cd_m2(texture.values), known)
@@ -179,8 +177,7 @@ def _seen_of_frame(region: Flags, known: Flags, texture: Texture) -> Flags:
 def _wall_beside(tone: Floats, known: Flags, rows: Indices, columns: Indices, wide: int) -> int:
     """Return how many of a region's columns, up to so many, are seen as the wall before the first one, row by row.
 
-    ``tone``, ``known`` (H, W); ``columns`` (n,) from the wall on.
-    """
+    ``tone``, ``known`` (H, W); ``columns`` (n,) from the wall on."""
     step = int(columns[-1] > columns[0]) * 2 - 1
     outside = columns[0] - step * np.arange(1, wide + 1)
     outside = outside[(outside >= 0) & (outside < known.shape[1])]
@@ -198,8 +195,7 @@ def _opening(values: Floats, known: Flags, hole: Flags, region: Flags, px_per_m:
 
     Linear light; ``known`` (H, W): what is seen of the region. Head and sill run level: so do their rows, as far as no
     side of the frame, or wall beside it, is seen to come down. Leaves, panes and curtains run upright: each column goes
-    on. A frame's side that is hidden is as the other one.
-    """
+    on. A frame's side that is hidden is as the other one."""
     out, part = values.copy(), window_around(region, round(max(STRIP_M * px_per_m, STRIP_PX)) + 1)
     values, (known, hole, region) = values[part], (each[part] for each in (known, hole, region))
     rows, columns = np.flatnonzero(region.any(axis=1)), np.flatnonzero(region.any(axis=0))

@@ -70,8 +70,7 @@ def run(context: StageContext) -> StageOutput:
 def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied, Floats | None, float]:
     """Return the emptied room, the log change (H, W) of luminance where shade is lifted, and the share relit else.
 
-    ``quick``: in place of the context's quality.
-    """
+    ``quick``: in place of the context's quality."""
     asked = context.parameters_of(RemoveParameters)
     image = upright.working_panorama(context)
     width_px = image.rgb.shape[1]
@@ -87,15 +86,15 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
     context.progress(0.05, "surfaces")
     shade, room = read_shade(context), upright.known_room(context)
     others, how = _others(context, room, target.shape), quick or context.quality.value
-    planes = plane_map(room, Equirectangular(target.shape[1], target.shape[0]))
+    geometry = Equirectangular(target.shape[1], target.shape[0])
     context.let_go()  # of the outdoor picture and masks that later stages read again
     if shade is not None:
-        shade, given = shade._replace(shadow=shadow), [image]
-        del image  # so that nobody holds the photograph but what lifts, which lets it go
+        given: list[Any] = [shade._replace(shadow=shadow), target, image]
+        del image, target, shade, shadow  # so that nobody holds them but what lifts, which lets them go
         found, change = lifted(
-            given.pop(), target, room, shade, sunlight=sunlight, others=others, quality=how, filler=filler
+            given.pop(), given.pop(), room, given.pop(), sunlight=sunlight, others=others, quality=how, filler=filler
         )
-        meet_rims(found.image.rgb, found.provenance > 0, planes)
+        meet_rims(found.image.rgb, found.provenance > 0, plane_map(room, geometry))
         return found, change, 0.0
     gain = resized(relit(image.rgb, shadow, (others.no_surface(target), others.foreign), room), target.shape)
     gain[others.no_surface(target)] = 1
@@ -106,7 +105,7 @@ def emptied(context: StageContext, quick: Quick | None = None) -> tuple[Emptied,
     even = np.exp(resized(even, target.shape))
     done.image.rgb[...] *= even
     gain[~target] *= even[~target]
-    meet_rims(done.image.rgb, done.provenance > 0, planes)
+    meet_rims(done.image.rgb, done.provenance > 0, plane_map(room, geometry))
     return done, None, share_of_sphere(largest_channel(gain) > LEAST_GAIN)
 
 
@@ -146,8 +145,7 @@ def _others(context: StageContext, room: RoomModel, shape: tuple[int, ...]) -> O
 def _without_sunlight(context: StageContext, target: Flags, sunlight: Flags) -> tuple[Flags, Flags]:
     """Return the target as it were without direct sunlight, and the sunlight with its rim.
 
-    The target was grown over what was found; so its part around a patch of sunlight goes too, where nothing else is.
-    """
+    The target was grown over what was found; so its part around a patch of sunlight goes too, where nothing else is."""
     margin_rad = math.radians(float(context.summary("detect")["metrics"]["margin_deg"]))
     return target & grown(upright.things(context, target.shape), margin_rad) & ~sunlight, grown(sunlight, margin_rad)
 

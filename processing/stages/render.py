@@ -138,6 +138,7 @@ def _work(context: StageContext, asked: RenderParameters, effort: Effort, later:
     scene = context.artifact("materials", "scene")
     empty, bare = together(partial(emptied, context), lambda: Bare.of(read_scene(scene), effort))
     context.let_go()  # three quarters of a gigabyte
+    empty = replace(empty, image=replace(empty.image, ghost=None), filled=None)
     room = known_room(context)
     eye: Vector = (0.0, 0.0, room.camera_height_m)
     base = empty.image.rgb
@@ -185,8 +186,7 @@ def _staged(work: _Work, parts: tuple[Part, ...]) -> Staged:
     """Return the picture with furniture by the method asked for.
 
     ``global`` is the rendered room with the rendered change of light: the same light transport as one render of the
-    furnished room, less the noise that the two have in common.
-    """
+    furnished room, less the noise that the two have in common."""
     base, seed = work.base, work.asked.seed
     if work.effort.budget_s is not None:
         work.later(lambda: None).result()  # writing would spend of the budget

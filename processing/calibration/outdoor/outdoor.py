@@ -2,8 +2,7 @@
 
 The order is the paper's (section 3): (1) vignetting, (2) colour of the ND filter, (3) from the lens's mapping to a
 hemispherical picture for environment mapping; (3) keeps energy, so that a sun half a degree wide keeps its illuminance.
-The density of the filter is not undone here: k2 holds it (`processing.calibration.outdoor.nd_filter`).
-"""
+The density of the filter is not undone here: k2 holds it (`processing.calibration.outdoor.nd_filter`)."""
 
 import math
 from dataclasses import dataclass, replace
@@ -84,8 +83,7 @@ def draft_factor(lens: LensModel, size_px: tuple[int, int]) -> int:
 def cut_to_circle(image: RelativeImage, lens: Fisheye, step_px: int = 1) -> RelativeImage:
     """Return the part that holds the lens's image circle, as `with_lens` does: a full frame's other 40 % cost time.
 
-    ``step_px`` divides the picture's sides, and then the part's.
-    """
+    ``step_px`` divides the picture's sides, and then the part's."""
     (x, y), reach = lens.axis_px, lens.radius_px + 2
     left, top = (max(math.floor((at - reach) / step_px) * step_px, 0) for at in (x, y))
     right, bottom = (math.ceil((at + reach) / step_px) * step_px for at in (x, y))
@@ -108,8 +106,7 @@ def correct_colour(image: RelativeImage, optics: OutdoorOptics) -> RelativeImage
     """Return step (2): the filter's tint undone, noise raised by what the matrix does.
 
     A channel that becomes negative (colours that the filter's matrix does not hold for, and noise) is moved to 0 at the
-    same luminance; their share of the field is the attribute ``nd_moved_share``.
-    """
+    same luminance; their share of the field is the attribute ``nd_moved_share``."""
     if optics.filter is None:
         return image
     rgb, moved = without_negatives(optics.filter.correct(image.rgb))
@@ -124,14 +121,19 @@ def project(image: P, target: Geometry) -> P:
 
     The relative uncertainty of a target pixel is the light-weighted mean of its parts': their errors may be shared
     (response, scale), so averaging does not lower it. Clipped or repaired light anywhere in a pixel marks it.
-    Overlaps are exact wherever light changes fast; where boxes in the rest change the illuminance, everywhere.
-    """
+    Overlaps are exact wherever light changes fast; where boxes in the rest change the illuminance, everywhere."""
     source, weights = image.geometry, (image.validity != Validity.OUTSIDE).astype(np.float32)
     light = luminance_cd_m2(image.rgb)
-    near = _uneven(light, image.validity)
-    done, coverage = resample(_planes(image, light), source, target, method="area", weights=weights, near=near)
-    if isinstance(target, Fisheye) and not _same_level(light * weights, source, done[..., :3], coverage, target):
-        done, coverage = resample(_planes(image, light), source, target, method="area", weights=weights)
+    near, planes = _uneven(light, image.validity), _planes(image, light)
+    level = np.vdot(light * weights, projected_solid_angles(source, _UP)) if isinstance(target, Fisheye) else None
+    ghost = None if image.ghost is None else resample_labels(image.ghost, source, target).astype(np.uint8)
+    # So that what was given is let go while it is resampled, unless somebody else holds it.
+    image = replace(image, rgb=weights[:0], uncertainty=weights[:0], validity=near[:0].view(np.uint8), ghost=ghost)
+    del light
+    done, coverage = resample(planes, source, target, method="area", weights=weights, near=near)
+    if level is not None and not _same_level(level, done[..., :3], coverage, target):
+        done, coverage = resample(planes, source, target, method="area", weights=weights)
+    del planes
     rgb = np.maximum(done[..., :3], 0)
     outside = coverage <= 0
     bright = luminance_cd_m2(rgb)
@@ -143,8 +145,7 @@ def project(image: P, target: Geometry) -> P:
     validity[done[..., 4] > 0] = Validity.CLIPPED
     rgb[outside], uncertainty[outside], validity[outside] = 0, np.inf, Validity.OUTSIDE
     np.maximum(uncertainty, np.float32(1e-6), out=uncertainty)
-    ghost = None if image.ghost is None else resample_labels(image.ghost, source, target).astype(np.uint8)
-    return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity, geometry=target, ghost=ghost)
+    return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity, geometry=target)
 
 
 def _planes(image: P, light: Floats) -> Floats:
@@ -159,6 +160,7 @@ def _planes(image: P, light: Floats) -> Floats:
 
 _STEEP = 1.25  # brightest over darkest of nine pixels, beside which overlaps are exact; chosen: a tenth of a percent
 _AROUND = np.ones((3, 3), np.uint8), np.ones((5, 5), np.uint8)
+_UP = (0.0, 0.0, 1.0)
 _SAME_LX = 1e-4  # relative: by how much boxes may change the illuminance. Chosen.
 
 
@@ -169,11 +171,11 @@ def _uneven(light: Floats, validity: Bytes) -> Flags:
     return np.asarray(cv2.dilate((steep | (validity != Validity.VALID)).astype(np.uint8), five) > 0)
 
 
-def _same_level(light: Floats, source: Geometry, rgb: Floats, coverage: Floats, target: Geometry) -> bool:
-    """Return whether a level plane has the same light by both pictures; ``light`` (H, W), ``rgb`` (h, w, 3)."""
-    up = (0.0, 0.0, 1.0)
-    before = np.vdot(light, projected_solid_angles(source, up))
-    after = np.vdot(luminance_cd_m2(rgb) * (coverage > 0.5), projected_solid_angles(target, up))
+def _same_level(before: float, rgb: Floats, coverage: Floats, target: Geometry) -> bool:
+    """Return whether a level plane has the light that it had ``before``; ``rgb`` (h, w, 3)."""
+    light = luminance_cd_m2(rgb)
+    np.multiply(light, coverage > 0.5, out=light)
+    after = np.vdot(light, projected_solid_angles(target, _UP))
     return bool(abs(after - before) <= _SAME_LX * before)
 
 

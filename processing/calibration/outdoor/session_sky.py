@@ -59,7 +59,7 @@ class SkyChoice(OpticsChoice, Protocol):
 class _Sky:
     """The sky picture, corrected, not yet scaled; its sun if it has one."""
 
-    image: RelativeImage
+    image: list[RelativeImage]  # one, which can be taken out, and let go
     sun: Sun | None
     sun_text: str
     kernel: GlareKernel | None = None
@@ -94,8 +94,7 @@ def calibrate_outdoor(
     ``responses``: the curves that the session was merged with, to be those of k2. ``draft``: lens, sun and north are
     found, and the sun is repaired, in the whole picture, which is then made smaller. Raises `ProfileError` for a k2 of
     other settings, `LensError` where no image circle is seen, `ScaleError` where a lux reading gives no scale,
-    `SunError` where a repair is asked that cannot be made.
-    """
+    `SunError` where a repair is asked that cannot be made."""
     if isinstance(merged.geometry, Equirectangular):
         return _through_glass(merged, session, asked, profile, k1)
     k2 = require_k2(profile, states_of(session), session.name) if profile and profile.k2 and asked.k2 is None else None
@@ -106,18 +105,18 @@ def calibrate_outdoor(
     del merged, bare
     north, north_warnings = _north(sky, session, asked)
     if smaller == 1:
-        sky = replace(sky, image=_turned(sky.image, north, session, asked))
+        sky = replace(sky, image=[_turned(sky.image, north, session, asked)])
     drift = session.repeat_drift(Side.OUTDOOR)
-    scale, scale_facts = _scale(sky.image, asked, k2, combined(k1, ScaleFactor(1.0, drift / math.sqrt(12))), sky.sun)
+    scale, scale_facts = _scale(sky.image[0], asked, k2, combined(k1, ScaleFactor(1.0, drift / math.sqrt(12))), sky.sun)
     factors: dict[str, Any] = {"k1": k1.value, "k2": scale_facts["k2"]}
     factors |= {READING_KEY: (asked.outdoor_lux, LUX_METER_UNCERTAINTY)} if scale_facts["k2_source"] == FROM_LUX else {}
-    picture = scaled(sky.image, scale, side="outdoor", session_id=session.session_id, **factors)
+    picture = scaled(sky.image.pop(), scale, side="outdoor", session_id=session.session_id, **factors)
     shared = optics, sky.kernel, (None, k2.light if k2 else 0.0)
     if smaller == 1:
         picture, repair = _repaired(with_shared_modes(picture, *shared), asked, session, sky)
     else:  # only in the whole picture is a clipped sun's disc sharp
         picture, repair = _repaired(picture, asked, session, sky)
-        picture = with_shared_modes(_turned(in_blocks(picture, smaller), north, session, asked), *shared)
+        picture = with_shared_modes(_turned([in_blocks(picture, smaller)], north, session, asked), *shared)
     lux, low = illuminances(picture, {"up": UP})
     if sky.sun is not None and sky.sun.clipped and asked.repair_sun == "no":
         low = ["the sun is clipped in the shortest stop: illuminance is a lower bound (see --repair-sun)", *low]
@@ -150,8 +149,7 @@ def with_shared_modes(
 
     The last two are in the pixels' own uncertainty already, which sums take as independent. ``lit``: the spot of the
     picture by which its scale was measured, if any, where stray light and fall-off are then 0, and the blueness of the
-    light on which the scale holds. Of a picture whose illuminance is a reading they add nothing to that.
-    """
+    light on which the scale holds. Of a picture whose illuminance is a reading they add nothing to that."""
     (measured, light), others = lit, list(modes_of(picture))
     if optics.vignetting and optics.vignetting.relative_uncertainty:
         falloff = falloff_mode(optics.vignetting.relative_uncertainty)
@@ -172,8 +170,7 @@ def _through_glass(
 ) -> Calibrated:
     """Return the sky of a panorama taken from inside: what the window shows, on the room's own scale.
 
-    Raises `LensError` where the window's view does not stand out from the room.
-    """
+    Raises `LensError` where the window's view does not stand out from the room."""
     assert isinstance(merged.geometry, Equirectangular)
     falloff, source = falloff_of(session, asked, profile, [], Side.INDOOR)
     image, share = only_the_view(merged if falloff is None else correct_panorama(merged, falloff))
@@ -206,8 +203,7 @@ def bare_light(
 ) -> tuple[RelativeImage, GlareKernel | None, dict[str, Any]]:
     """Return a fisheye picture cut to its circle, without glare and fall-off; the glare's kernel, and what was done.
 
-    ``step_px`` divides the sides of the picture, and then those of the part.
-    """
+    ``step_px`` divides the sides of the picture, and then those of the part."""
     lens = optics.lens.fisheye((merged.validity.shape[1], merged.validity.shape[0]))
     image, kernel, veil = glare_taken_off(merged, lens, keep=asked.glare == "keep", lamps=lamps)
     return outdoor.correct_vignetting(outdoor.cut_to_circle(image, lens, step_px), optics), kernel, veil
@@ -217,9 +213,9 @@ def _with_sun(image: RelativeImage) -> _Sky:
     try:
         sun = find_sun(image)
     except SunError as error:
-        return _Sky(image, None, f"no: {error.args[0] if error.args else error}")
+        return _Sky([image], None, f"no: {error.args[0] if error.args else error}")
     text = f"yes, {math.degrees(sun.elevation_rad):.2f} degrees high{', clipped' if sun.clipped else ''}"
-    return _Sky(image, sun, text)
+    return _Sky([image], sun, text)
 
 
 def _north(sky: _Sky, session: SessionManifest, asked: SkyChoice) -> tuple[North, list[str]]:
@@ -229,7 +225,7 @@ def _north(sky: _Sky, session: SessionManifest, asked: SkyChoice) -> tuple[North
     place, moment, why = Place.of(session.site), sun_place.shortest_taken(session, Side.OUTDOOR), ""
     if sky.sun is not None and place is not None and moment is not None:
         try:
-            north = sun_place.north_from_sun(sky.image, moment, place, sun=sky.sun)
+            north = sun_place.north_from_sun(sky.image[0], moment, place, sun=sky.sun)
             return north, list(north.warnings)
         except SunError as error:
             why = str(error).split(" | ")[0]
@@ -255,15 +251,17 @@ def _unturned(north: North, session: SessionManifest) -> list[str]:
     ]
 
 
-def _turned(image: P, north: North, session: SessionManifest, asked: SkyChoice) -> P:
+def _turned(given: list[P], north: North, session: SessionManifest, asked: SkyChoice) -> P:
     """Return the picture in the geometry asked for, north on top, in the world whose +y is the panorama's middle."""
     heading = session.heading_rad if session.heading_rad is not None else 0.0
-    assert isinstance(image.geometry, Fisheye)
-    lens = sun_place.oriented(image.geometry, north, heading)
-    image, rows = replace(image, geometry=lens), max(2, round(2 * lens.radius_px))
+    seen = given[0].geometry
+    assert isinstance(seen, Fisheye)
+    lens = sun_place.oriented(seen, north, heading)
+    rows = max(2, round(2 * lens.radius_px))
     view = OutdoorView(asked.outdoor_view)
     rows = rows // 2 if view is OutdoorView.EQUIRECTANGULAR else rows
-    return outdoor.project(image, outdoor.outdoor_view(view, rows, math.remainder(-heading, 2 * math.pi)))
+    target = outdoor.outdoor_view(view, rows, math.remainder(-heading, 2 * math.pi))
+    return outdoor.project(replace(given.pop(), geometry=lens), target)
 
 
 def _scale(

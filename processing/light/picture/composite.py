@@ -2,8 +2,7 @@
 
 ``differential``: the photograph is kept; furniture is rendered, and what it changes of the light on the room (shade,
 bounced light, shadows in the sun) is the ratio of two renders of the same places with the same random numbers, with and
-without it. Pixels whose light does not change are kept bit by bit.
-"""
+without it. Pixels whose light does not change are kept bit by bit."""
 
 import math
 from collections.abc import Iterable
@@ -81,8 +80,7 @@ def differential(
 
     ``room``: the empty room with its albedo, under the light of the photograph (`albedo.RoomAlbedo.scene`); made ready
       once (`Bare.of`) it serves several pictures.
-    ``sunless`` (H, 2 H): pixels of which direct sunlight was taken away; they get it back where it falls now.
-    """
+    ``sunless`` (H, 2 H): pixels of which direct sunlight was taken away; they get it back where it falls now."""
     _panorama(photograph)
     if not parts and (sunless is None or not sunless.any()):
         return _untouched(photograph)
@@ -115,8 +113,7 @@ def draw(change: Change, photograph: Floats, sunless: Flags | None, hanging: Ite
     """Return a photograph (H, 2 H, 3) under changed light, with furniture; ``sunless`` (H, 2 H): see `differential`.
 
     What is ``hanging`` from the ceiling is whole before what stands farther away; as it is in the room's middle, its
-    light changes as that of the ceiling above it, not of the wall that it is seen before.
-    """
+    light changes as that of the ceiling above it, not of the wall that it is seen before."""
     give_back()  # what light was made with
     seed, clean = change.seed, change.effort.clean
     mirrors = mirrors_of(change.bare, change.full, change.lights, photograph, change.eye_m, seed=seed, clean=clean)

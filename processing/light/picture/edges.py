@@ -3,8 +3,7 @@
 A pixel that an edge of furniture crosses, as its mesh has it or as the pixels around show it, is looked at by several
 rays: a groove, a slat or a rod narrower than a pixel would else be broken into dashes. Each ray takes the colour that
 the nearest pixel shows of the same face, and is shaded itself where none does; room that appears beside an edge is the
-photograph's own pixel, with the change of light of its neighbours.
-"""
+photograph's own pixel, with the change of light of its neighbours."""
 
 from collections.abc import Callable
 from typing import NamedTuple, Self
@@ -43,8 +42,7 @@ class Lens(NamedTuple):
 def crossed_pixels(stage: Stage, shape: tuple[int, int], eye_m: Vector) -> UInt16s:
     """Return how far, mm, the nearest edge of furniture is that crosses each pixel of a panorama (H, W).
 
-    Edges are where a mesh ends, turns away from the eye, or is creased; hidden ones are among them.
-    """
+    Edges are where a mesh ends, turns away from the eye, or is creased; hidden ones are among them."""
     out, geometry = np.full(shape[0] * shape[1], NONE_MM, np.uint16), Equirectangular(shape[1], shape[0])
     for part in stage.scene.parts:
         ends = _edges_of(part, eye_m)
@@ -79,8 +77,7 @@ def _edges_of(part: Part, eye_m: Vector) -> Doubles:
 def edge_pixels(sight: Sight, crossed_mm: UInt16s) -> np.ndarray:
     """Return which pixels (H, W) of a band lie at an edge of furniture; columns wrap, rows do not.
 
-    ``crossed_mm`` (H, W): the band's, of `crossed_pixels`.
-    """
+    ``crossed_mm`` (H, W): the band's, of `crossed_pixels`."""
     # What edges cross that are no farther than what is seen about them; beside them nothing else is looked for.
     shape, most = sight.shape, cv2.dilate(sight.distance_m.reshape(sight.shape), np.ones((3, 3), np.uint8))
     normal, point = (each.reshape(*shape, 3) for each in (sight.normal, sight.point))
@@ -110,8 +107,7 @@ def smooth_edges(lens: Lens, sight: Sight, first_row: int, photograph: Floats, s
     """Return a band's picture (H, W, 3) with smooth edges of furniture.
 
     ``sight``: what the band's pixels see; its first row is row ``first_row`` of the panorama.
-    ``photograph``, ``shown`` (H, W, 3): the band without furniture, and with it, stairs and all.
-    """
+    ``photograph``, ``shown`` (H, W, 3): the band without furniture, and with it, stairs and all."""
     high, wide = lens.crossed_mm.shape
     row, column = np.nonzero(edge_pixels(sight, lens.crossed_mm[first_row : first_row + len(shown)]))
     out = shown.copy()
@@ -184,8 +180,7 @@ def _mix(places, at, own, label, photograph, shown, out):  # type: ignore[no-unt
     """Fill pixels of ``out`` (H, W, 3) at ``places`` (2, N: row, column) with the mean of their rays.
 
     ``at`` (N, S): the pixel that shows what a ray meets; -1: it is the ray's ``own`` (N x S, 3). ``photograph`` and
-    ``shown`` (H, W, 3), cd/m2, without and with furniture.
-    """
+    ``shown`` (H, W, 3), cd/m2, without and with furniture."""
     samples, columns = at.shape[1], label.shape[1]
     for i in range(places.shape[1]):
         y, x = places[0, i], places[1, i]

@@ -6,8 +6,7 @@ drawn by what of the facets the eye sees (Heitz 2018). What they meet is the pho
 the camera sees, the light map elsewhere, the sky behind panes; the sun is a light of its own, joined by its
 reflectance, as its disc would never be met by chance.
 
-What is mirrored in a staged picture, at a small size: on furniture, and in a glossy floor with and without it.
-"""
+What is mirrored in a staged picture, at a small size: on furniture, and in a glossy floor with and without it."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -54,8 +53,7 @@ class Surroundings:
     def radiance(self, origins: Floats, rays: Floats, *, imaged: bool = False) -> tuple[Floats, np.ndarray]:
         """Return what rays (N, 3) bring (N, 3) cd/m2, and which of them end on furniture.
 
-        ``imaged``: a window is shown as the photograph shows it, where it does: a pane's own cells are far coarser.
-        """
+        ``imaged``: a window is shown as the photograph shows it, where it does: a pane's own cells are far coarser."""
         stage, p = self.stage, self.stage.patches
         hits = stage.tracer.cast(origins, rays)
         patch, _ = stage.met(origins, rays, hits)
@@ -173,8 +171,7 @@ def mirrored_light(
 ) -> tuple[Floats, np.ndarray]:
     """Return what pixels (K,) mirror (K, 3), and the share (K,) of it that comes from furniture (by count of rays).
 
-    ``key``: of chance; none: all pixels draw alike.
-    """
+    ``key``: of chance; none: all pixels draw alike."""
     shift = random(key, len(sight.label), 2)[pixels] if key else np.zeros((len(pixels), 2))
     out = np.empty((len(pixels), 3), np.float32)
     share = np.empty(len(pixels))
@@ -229,8 +226,7 @@ def facet_rays(rays, normals, shifts, samples, width, out, weight):  # type: ign
     """Fill mirrored directions (N, samples, 3) of eye rays (N, 3), and their weights (N, samples, 2).
 
     A ray's light counts (weight 0) x reflectance head on + (weight 1) x (1 - that). Facets are drawn by what of them
-    the eye sees: Heitz (2018), "Sampling the GGX distribution of visible normals". Rays into the surface weigh 0.
-    """
+    the eye sees: Heitz (2018), "Sampling the GGX distribution of visible normals". Rays into the surface weigh 0."""
     frame = np.empty((3, 3))
     for i in range(rays.shape[0]):
         x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
@@ -299,8 +295,7 @@ def mirrors_of(
     """Return what furniture and floor mirror; None where nothing does.
 
     ``bare``, ``full``: the room without and with furniture; of its light maps (``lights``) likewise.
-    ``photo`` (H, 2 H, 3): of the room without furniture.
-    """
+    ``photo`` (H, 2 H, 3): of the room without furniture."""
     floors = [k for k, surface in enumerate(bare.scene.surfaces) if surface.gloss > 0]
     if not floors and not any(is_glossy(part.material) for part in full.scene.parts):
         return None
@@ -329,14 +324,13 @@ def mirrors_of(
     if clean:
         picture = _cleaned(picture, sight)
     metals = [FIRST_PART + k for k, part in enumerate(full.scene.parts) if part.material.metallic > 0.5]
-    return Mirrors(sight, replace(after, photograph=photo), picture, old, new, tuple(floors), tuple(metals))
+    return Mirrors(sight.faces, replace(after, photograph=photo), picture, old, new, tuple(floors), tuple(metals))
 
 
 def _gain(full: Stage, lights: tuple[LightMap, LightMap]) -> Doubles:
     """Return by how much furniture changes the light of the room's patches (P, 3); 1 for its own.
 
-    Evened out over each surface: single patches are noisy, and a looking glass would show them as tiles.
-    """
+    Evened out over each surface: single patches are noisy, and a looking glass would show them as tiles."""
     out = np.ones((full.patches.count, 3))
     before, after = lights[0].total, lights[1].total
     shared = len(before)
@@ -352,8 +346,7 @@ def _gain(full: Stage, lights: tuple[LightMap, LightMap]) -> Doubles:
 
 def _blurred(picture: Floats, there: np.ndarray) -> Floats:
     """Return a floor's mirrored light blurred as its roughness blurs it: alike in both pictures, so that what furniture
-    leaves alone stays alike.
-    """
+    leaves alone stays alike."""
     side = 4 * round(FLOOR_BLUR_PX)
     weight = cv2.GaussianBlur(wrapped(there.astype(np.float32), side), (0, 0), FLOOR_BLUR_PX)
     light = wrapped(picture * there[..., None], side)

@@ -1,8 +1,7 @@
 """Pictures of a scene in cd/m2: ``global``, full light transport from the light outdoors.
 
 Only irradiance is sampled, at a small size; texture, direct sun, glass and edges are worked out for every pixel. So the
-cost hardly grows with the picture's size.
-"""
+cost hardly grows with the picture's size."""
 
 from dataclasses import dataclass, replace
 
@@ -42,8 +41,7 @@ def render(
 ) -> Rendered:
     """Return a picture of a scene from ``eye_m``; the same seed gives the same picture.
 
-    Raises `NoBalanceError`: light is given off but never absorbed.
-    """
+    Raises `NoBalanceError`: light is given off but never absorbed."""
     stage = scene if isinstance(scene, Stage) else Stage.of(scene, effort.texel_m)
     wraps = isinstance(geometry, Equirectangular)
     small = sight_of(stage, small_geometry(geometry, effort.rows), eye_m)

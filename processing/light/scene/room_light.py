@@ -196,18 +196,18 @@ class EmptyRoom:
     def without(self, patches: Flags | None) -> Iterator[tuple[Floats, Flags | None]]:
         """Give picture and ``sunless`` with some patches of sun (H, W), None for none, as removal left them.
 
-        It is the picture's own array (H, W, 3), which is as it was when this ends: nobody else may use it meanwhile.
+        They are the room's own arrays, which are as they were when this ends: nobody else may use them meanwhile.
         """
         rgb = self.image.rgb
         if self.sunlit is None or self.shaded is None or self.sunless is None or patches is None:
             yield rgb, self.sunless
             return
-        sun = rgb[patches]
-        rgb[patches] = self.shaded[patches[self.sunlit]]
+        sun, sunless = rgb[patches], self.sunless[patches]
+        rgb[patches], self.sunless[patches] = self.shaded[patches[self.sunlit]], True
         try:
-            yield rgb, self.sunless | patches
+            yield rgb, self.sunless
         finally:
-            rgb[patches] = sun
+            rgb[patches], self.sunless[patches] = sun, sunless
 
 
 def near_sun(sun: Flags) -> slice:

@@ -1,7 +1,6 @@
 """Irradiance of what a picture sees: gathered at a small size until the error asked for is met, cleaned of noise.
 
-Noise taken out of irradiance pictures by Open Image Denoise, with normals as guides; never out of a photograph.
-"""
+Noise taken out of irradiance pictures by Open Image Denoise, with normals as guides; never out of a photograph."""
 
 import math
 import time
@@ -127,8 +126,7 @@ class _Halves:
 def gathered(stage: Stage, light: LightMap, points: Floats, normals: Floats, samples: int, seed: int) -> Doubles:
     """Return the irradiance (N, 3), lx, of places without the sun's own disc: panes, lamps, all bounces.
 
-    ``points`` (N, 3), m; ``normals`` (N, 3); ``samples`` rays from each point for bounces.
-    """
+    ``points`` (N, 3), m; ``normals`` (N, 3); ``samples`` rays from each point for bounces."""
     places = points[:, None, :]
     links = links_of(stage, places, normals, samples, (seed, 21))
     radiosity, shots = stage.albedo * light.rest, max(1, round(samples * SHOT_SHARE))
@@ -194,15 +192,14 @@ def _on_furniture(
     reach_m = sight.distance_m * np.float32(FURNITURE_PX * np.pi / sight.shape[0])
     for step, apart in FURNITURE_PASSES:
         mean = Neighbours.of(own, reach_m * np.float32(step / NEARNESS), step).smooth(mean, apart)
-    return mean, own
+    return mean, own.faces
 
 
 def without_fireflies(one: Floats, other: Floats) -> Floats:
     """Return irradiance (H, W, 3) without pixels that shine by chance: far above those around and in ``other``.
 
     Only what both pictures of the same places do not share is dimmed, to `FIREFLY_TIMES` their neighbours' median: what
-    is bright of its own shines in both.
-    """
+    is bright of its own shines in both."""
     weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
     mine, theirs = one @ weights, other @ weights
     limit = FIREFLY_TIMES * np.maximum(cv2.medianBlur(mine, 5), cv2.medianBlur(theirs, 5))
@@ -223,8 +220,7 @@ def cleaned(picture: Floats, sight: Sight, *, wraps: bool, quality: str = "high"
 def relative_error(one: Floats, other: Floats, sight: Sight, *, blurred: bool) -> float:
     """Return the relative rms error of the mean of two halves (H, W, 3); where it is cleaned, of neighbours' means.
 
-    Cleaning averages over about as many pixels as `CLEAN_PX` squared: measured, see docs/reference/rendering.md.
-    """
+    Cleaning averages over about as many pixels as `CLEAN_PX` squared: measured, see docs/reference/rendering.md."""
     solid = sight.solid.reshape(sight.shape)
     if not solid.any():
         return 0.0
@@ -249,8 +245,7 @@ def denoised(irradiance: Floats, normal: Floats, nearness: Floats, *, wraps: boo
     ``normal`` (H, W, 3), zero where nothing is rendered.
     ``nearness`` (H, W), 0..1: 0 where nothing is rendered, larger for nearer surfaces; parts corners of equal normals.
     ``wraps``: the picture is a panorama whose left and right edges meet.
-    ``quality``: high, balanced (0.4 of its time) or fast (0.2).
-    """
+    ``quality``: high, balanced (0.4 of its time) or fast (0.2)."""
     if not denoiser_available() or min(irradiance.shape[:2]) < 16:
         return irradiance
     side = round(WRAP * irradiance.shape[1]) if wraps else 0
@@ -273,8 +268,7 @@ def denoised(irradiance: Floats, normal: Floats, nearness: Floats, *, wraps: boo
 def _clean(pictures: dict[str, Floats], quality: str) -> Floats:
     """Return what the denoiser makes of a noisy picture and its noiseless guides (H, W, 3).
 
-    `pyoidn.denoise` would keep its working memory until the process ends: half a gigabyte for 512 rows.
-    """
+    `pyoidn.denoise` would keep its working memory until the process ends: half a gigabyte for 512 rows."""
     import pyoidn
 
     out = np.empty_like(pictures["color"])
@@ -319,8 +313,7 @@ def _rims_by_inner(ratio: Floats, label: Floats, room: Flags) -> None:
     """Replace a ratio (H, W, 3) where a surface of the ``room`` (H, W) ends at another by what it is further in.
 
     There the denoiser brings a bright sill's light to the wall below it, to one picture more than to the other. Ends at
-    furniture stay: contact shadows are there. ``label`` (H, W) is below 0 where nothing is known.
-    """
+    furniture stay: contact shadows are there. ``label`` (H, W) is below 0 where nothing is known."""
     wide = np.ones((2 * RIM_PX + 1,) * 2, np.uint8)
     for one in np.unique(label[label >= 0]):
         own = label == one

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -48,6 +48,12 @@ class Sight:
     def solid(self) -> np.ndarray:
         """(N,) whether a surface or furniture is seen."""
         return self.label >= 0
+
+    @property
+    def faces(self) -> Self:
+        """Return it with label, point and normal alone: two thirds, and all that `upsampled` asks for."""
+        none: Any = np.empty(0, np.float32)
+        return replace(self, rays=none, pane=none, distance_m=none, triangle=none)
 
     def some(self, pixels: np.ndarray) -> Self:
         """Return what some pixels (K,) see, as one row."""
@@ -134,8 +140,7 @@ def _turn(smooth, chosen, normal):  # type: ignore[no-untyped-def]
 def albedo_of(stage: Stage, sight: Sight, pixel_rad: float = 0.0) -> Floats:
     """Return the albedo (N, 3) that pixels see, 0 for glass and nothing; textures are sampled bilinearly.
 
-    ``pixel_rad``: how wide a pixel is; furniture has its textures averaged over that, as cloth is finer; 0: points.
-    """
+    ``pixel_rad``: how wide a pixel is; furniture has its textures averaged over that, as cloth is finer; 0: points."""
     return _colours(stage, sight, "albedo", pixel_rad)
 
 

@@ -2,8 +2,7 @@
 
 Rays to the disc's rim find out whether a place lies in half shadow; only there rays go all over the disc. In a large
 picture, what is lit and what is shaded are large areas: every few pixels one is looked at, and all within a block whose
-four corners agree is as they are; only along the edges of light every pixel has shadow rays of its own.
-"""
+four corners agree is as they are; only along the edges of light every pixel has shadow rays of its own."""
 
 import math
 from typing import NamedTuple
@@ -32,8 +31,7 @@ def clear_of_sun(pane: Pane, eye_height_m: float) -> Floats:
     What stands at the glass runs along it: columns from top to bottom (frames, curtains), rows from side to side (bars,
     blinds). A tree, a house, a shadow on the lawn stand far away: another sun crosses the glass elsewhere. Below the
     horizon bars and bushes look alike: columns are found above it where there is sky. A pane of a single cell is left
-    as it is: nothing is known of where its covering is.
-    """
+    as it is: nothing is known of where its covering is."""
     if pane.clear.size == 1:
         return pane.clear
     covered = pane.clear < 0.5
@@ -65,8 +63,7 @@ def sun_rim(pane: Pane, sun: Sun, points: Floats, shown: Flags) -> tuple[int, ..
 
     ``points`` (N, 3), m: places in sight that the sun would reach through the bare room's panes; ``shown`` (N,): which
     of them are sunlit. Casings are taken for glass and the depth of reveals is not known, so that a patch as the model
-    has it began beside the photographed one.
-    """
+    has it began beside the photographed one."""
     direction, (rows, columns) = np.asarray(sun.direction, np.float64), pane.clear.shape
     ahead_m = (pane.corner_m - points) @ pane.normal / (direction @ pane.normal)
     u, v = pane.shares(points + ahead_m[:, None] * direction)
@@ -133,8 +130,7 @@ def _glass_of(stage: Stage, sun: Sun) -> _Glass:
 def may_see_sun(stage: Stage, sun: Sun, points: Floats, normals: Floats) -> Flags:
     """Return which places (N,) face the sun through a pane, were nothing else in the way.
 
-    ``points`` (N, 3), m; ``normals`` (N, 3).
-    """
+    ``points`` (N, 3), m; ``normals`` (N, 3)."""
     near, panes = np.zeros(len(points), bool), stage.scene.panes
     direction = np.asarray(sun.direction, np.float64)
     facing: Flags = normals @ direction.astype(np.float32) > 0
@@ -148,8 +144,7 @@ def sunlight(stage: Stage, points: Floats, normals: Floats, samples: int, key: K
     """Return the sun's direct irradiance (N, 3), lx.
 
     ``points`` (N, K, 3), m: one place each (K = 1) with ``samples`` rays where it lies in half shadow, or K places,
-    over which the mean is taken, with one ray each to a random place of the disc; ``normals`` (N, 3).
-    """
+    over which the mean is taken, with one ray each to a random place of the disc; ``normals`` (N, 3)."""
     out, sun = np.zeros((len(normals), 3)), stage.scene.outdoors.sun
     if sun is None:
         return out
@@ -176,8 +171,7 @@ def sun_tint(
     """Return what share of the sun's disc reaches places through glass (N, 3), and which (N,) lie in half shadow.
 
     ``points`` (N, 3), m; ``normals`` (N, 3); ``shifts`` (N, 2) random in [0, 1). Rays to the rim first; where they
-    differ, ``samples`` all over the disc.
-    """
+    differ, ``samples`` all over the disc."""
     places = points[:, None]
     tint, unsure = _tints(stage, sun, places, normals, shifts, RIM_RAYS, RIM_AREA)
     again = np.flatnonzero(unsure)
@@ -212,8 +206,7 @@ def _disc_frame(sun: Sun) -> Doubles:
 def _disc_rays(points, normals, shifts, frame, rim_area, origins, directions):  # type: ignore[no-untyped-def]
     """Fill rays (N, S, 3) to the sun's disc: even over it, or with ``rim_area`` > 0 around that share of it.
 
-    ``points`` (N, 1 or S, 3), m; ``frame`` (3, 3) of `_disc_frame`; ``shifts`` (N, 2) random in [0, 1).
-    """
+    ``points`` (N, 1 or S, 3), m; ``frame`` (3, 3) of `_disc_frame`; ``shifts`` (N, 2) random in [0, 1)."""
     samples, several = directions.shape[1], points.shape[1] > 1
     for i in range(points.shape[0]):
         for s in range(samples):
@@ -340,8 +333,7 @@ def _fill_blocks(step, label, normals, points, chosen, sure, tint, todo):  # typ
     """Fill what lies within blocks of pixels whose four corners agree, and mark all else in ``todo``.
 
     A block counts only where all its pixels are ``chosen``, show one thing, and lie in one plane; ``sure`` (H, W) are
-    corners of which ``tint`` (H, W, 3) is known. Blocks share their corners' rows and columns.
-    """
+    corners of which ``tint`` (H, W, 3) is known. Blocks share their corners' rows and columns."""
     high, wide = label.shape
     for top in range(0, high, step):
         bottom = min(top + step, high - 1)
