@@ -2,11 +2,11 @@
 
 ``DAYLIT_THREADS``, else ``OMP_NUM_THREADS`` (what clusters set), else the cores that this process may use. Results do
 not depend on it. Bands and planes are shared among threads by `side_by_side`; `limit_libraries` gives the libraries
-that have threads of their own the same number.
-"""
+that have threads of their own the same number."""
 
 import ctypes
 import os
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
@@ -74,9 +74,40 @@ def give_back(kept_bytes: int = KEPT_BYTES) -> None:
     for forget in FORGET:
         forget()
     with suppress(AttributeError, OSError):
-        held_pages = int(Path("/proc/self/statm").read_text().split()[1])
-        if held_pages * os.sysconf("SC_PAGE_SIZE") > kept_bytes:
+        if _held_bytes() > kept_bytes:
             ctypes.CDLL(None).malloc_trim(0)
+
+
+def _held_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+FULL_BYTES, LOOK_S, STEP_BYTES = 1_850_000_000, 0.05, 32 << 20
+"""Of a process, from which it is watched, how often, and by how much more it may hold before it gives back again;
+chosen: a stage of a full-size session is to hold 2 GB, of which malloc had 0.2 to 0.5 free."""
+
+
+@contextmanager
+def watched() -> Iterator[None]:
+    """Give back what malloc has free (glibc) whenever the process holds more than `FULL_BYTES` while the block runs."""
+    over = threading.Event()
+
+    def watch() -> None:
+        last = 0
+        with suppress(AttributeError, OSError):
+            while not over.wait(LOOK_S):
+                held = _held_bytes()
+                if held > max(FULL_BYTES, last + STEP_BYTES):
+                    ctypes.CDLL(None).malloc_trim(0)
+                    last = held = _held_bytes()
+                last = min(last, held)
+
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(watch)
+        try:
+            yield
+        finally:
+            over.set()
 
 
 def together(one: Callable[[], T], other: Callable[[], R]) -> tuple[T, R]:
@@ -117,8 +148,7 @@ def behind() -> Iterator[Later]:
 def side_by_side(work: Callable[[T], R], items: Iterable[T], most: int = MOST) -> list[R]:
     """Return ``work`` of each item, in order, done by as many threads as `threads` says but ``most``.
 
-    What a thread raises is raised here when those before it are done.
-    """
+    What a thread raises is raised here when those before it are done."""
     every, count = list(items), min(threads(), most)
     if count == 1 or len(every) < 2:
         return [work(item) for item in every]

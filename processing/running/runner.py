@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from processing.errors import ProcessingError
-from processing.ground.threads import Later, behind, give_back, limit_libraries
+from processing.ground.threads import Later, behind, give_back, limit_libraries, watched
 from processing.pipeline import STAGES, Stage, check_table, stage_named
 from processing.running import requests
 from processing.running.artifacts import Made, Shelf, Work, answer_result, file_name, load, make_result, remade
@@ -30,8 +30,7 @@ def process(
     """Bring the results of a session up to date and say what was done and why.
 
     Raises `ParameterError` for a request that cannot be met, `SessionLockedError` while another process works on the
-    session, and what a stage raises; the results of the stages before it stand.
-    """
+    session, and what a stage raises; the results of the stages before it stand."""
     check_table(stages)
     plan = requests.planned(request, stages)
     requests.check_readable(plan, request)
@@ -45,7 +44,7 @@ def process(
             store.recover()
         run = PipelineRun(StageInputs(session, root, load_manifest(session), request, memory), plan, store, on_event)
         try:
-            with behind() as run.later:
+            with watched(), behind() as run.later:
                 reports = tuple(run.steps())
         finally:
             if write:
@@ -92,8 +91,7 @@ class PipelineRun:
     """One run over one session; `steps` yields a report a stage.
 
     A stage's pictures are written ``later`` (`behind`), while the next one works with those in memory; results get into
-    their places in turn.
-    """
+    their places in turn."""
 
     later: Later
 

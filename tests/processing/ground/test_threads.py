@@ -12,7 +12,18 @@ import pytest
 
 from processing.errors import ParameterError
 from processing.ground import threads as module
-from processing.ground.threads import ASKED, MOST, behind, give_back, limit_libraries, side_by_side, threads, together
+from processing.ground.threads import (
+    ASKED,
+    MOST,
+    STEP_BYTES,
+    behind,
+    give_back,
+    limit_libraries,
+    side_by_side,
+    threads,
+    together,
+    watched,
+)
 
 
 def test_as_many_as_asked(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,3 +131,37 @@ def test_memory_goes_back_only_above_what_a_process_may_keep(monkeypatch: pytest
     assert (trimmed, forgotten) == ([], [1])
     give_back(1 << 20)
     assert (trimmed, forgotten) == ([0], [1, 1])
+
+
+def test_free_memory_is_given_back_when_much_is_held_and_again_when_more_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    full, looks, given = module.FULL_BYTES, threading.Semaphore(0), list[int]()
+    held = [full]
+
+    def look() -> int:
+        looks.release()
+        return held[0]
+
+    def trim(_: int) -> None:
+        given.append(held[0])
+        held[0] -= STEP_BYTES
+
+    def looked_at(held_bytes: int) -> list[int]:
+        held[0] = held_bytes
+        while looks.acquire(blocking=False):
+            pass
+        assert all(looks.acquire(timeout=30) for _ in range(4))
+        return given
+
+    monkeypatch.setattr(module, "LOOK_S", 0.001)
+    monkeypatch.setattr(module, "_held_bytes", look)
+    monkeypatch.setattr(module.ctypes, "CDLL", lambda _: SimpleNamespace(malloc_trim=trim))
+    with watched():
+        assert looked_at(full) == []
+        assert looked_at(full + 3 * STEP_BYTES) == [full + 3 * STEP_BYTES]
+        assert len(looked_at(full + 3 * STEP_BYTES)) == 1, "hardly more than what was left"
+        assert len(looked_at(full + 4 * STEP_BYTES)) == 2
+        looked_at(full - STEP_BYTES)
+        assert len(looked_at(full + 1)) == 3, "what was left before no longer counts"
+    while looks.acquire(blocking=False):
+        pass
+    assert not looks.acquire(timeout=0.05), "when the block has ended, nobody looks"
