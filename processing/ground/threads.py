@@ -82,7 +82,7 @@ def _held_bytes() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
-FULL_BYTES, LOOK_S, STEP_BYTES = 1_850_000_000, 0.05, 32 << 20
+FULL_BYTES, LOOK_S, STEP_BYTES = 1_850_000_000, 0.05, 96 << 20
 """Of a process, from which it is watched, how often, and by how much more it may hold before it gives back again;
 chosen: a stage of a full-size session is to hold 2 GB, of which malloc had 0.2 to 0.5 free."""
 
