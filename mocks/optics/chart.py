@@ -122,8 +122,7 @@ class ChartRoom(OneLight):
 def _turned(directions: Floats, site: Site) -> Floats:
     """Return directions between world and room: the same indoors; outdoors the chart (y) lies at the zenith (z).
 
-    The turn is its own inverse: right becomes left, ahead and up change places.
-    """
+    The turn is its own inverse: right becomes left, ahead and up change places."""
     return directions if site is Site.INDOOR else directions[:, [0, 2, 1]] * np.array((-1, 1, 1), dtype=np.float32)
 
 

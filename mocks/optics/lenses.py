@@ -224,8 +224,7 @@ def _pupil(theta_rad: Floats | Doubles, vignetting: tuple[float, ...]) -> Floats
     """Return the light kept at angles from the axis; ``vignetting`` (): all of it.
 
     The pupil turns away by a share of the angle (1st number), and beyond a knee (2nd, rad) the mount cuts it, by a loss
-    a squared radian (3rd). It is no polynomial of the image height, as which fall-off is published and fitted.
-    """
+    a squared radian (3rd). It is no polynomial of the image height, as which fall-off is published and fitted."""
     if not vignetting:
         return np.ones_like(theta_rad)
     turn, knee_rad, loss = vignetting

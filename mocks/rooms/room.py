@@ -162,8 +162,7 @@ _kept_room = lru_cache(maxsize=16)(make_room)
 def _furnished_plan(seed: int, use: Use, lit: bool, finish: Finish) -> tuple[Plan, tuple[Item, ...]]:
     """Return the seed's first plan in which tripod, meter board and what the room is for find a place.
 
-    That is nearly always its first of all; after some tries, a room that lacks what it is for has to do.
-    """
+    That is nearly always its first of all; after some tries, a room that lacks what it is for has to do."""
     makeshift = None
     for again in range(_PLANS):
         tail = [again] if again else []

@@ -96,8 +96,7 @@ def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
 def _arguments(asked: dict[str, Any]) -> tuple[str, ...]:
     """Return what is asked of each session as arguments of `daylit process`; files by their whole path.
 
-    `ParameterError` now rather than once a session.
-    """
+    `ParameterError` now rather than once a session."""
     from processing.pipeline import STAGES, options
     from processing.running.choices import with_options
     from processing.running.requests import check_readable, planned

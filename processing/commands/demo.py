@@ -130,8 +130,7 @@ def _captured(
 def _beside(folder: Path, task: str, *, waited_for: bool) -> Iterator[None]:
     """Run a task in a process of its own meanwhile: capture the rig's ``sessions``, or compile the ``kernels``.
 
-    Work unfinished when the block ends is ``waited_for`` or abandoned; the process logs to ``folder``/TASK.log.
-    """
+    Work unfinished when the block ends is ``waited_for`` or abandoned; the process logs to ``folder``/TASK.log."""
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / f"{task}.log").open("wb") as log:
         command = [sys.executable, "-m", "processing.commands.demo", task, str(folder.resolve())]

@@ -278,8 +278,7 @@ def _chain(frames: list[str], pictures: list[str]) -> str:
 def _changes(session: Path, states: set[str]) -> dict[str, Any]:
     """Return what was added, what was removed, and by how much the room's light was changed.
 
-    Raises `ResultFileError` where a stage's record of it is gone: nothing is said to be unchanged that is not known.
-    """
+    Raises `ResultFileError` where a stage's record of it is gone: nothing is said to be unchanged that is not known."""
     arrange, render, detect, remove = (Finished(session, one) for one in ("arrange", "render", "detect", "remove"))
     added, relit = dict[str, Any](), dict[str, Any]()
     shown = Finished(session, STILLS.name).facts.get("ingredients", {}).get("reads", {})

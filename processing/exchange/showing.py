@@ -76,8 +76,7 @@ def shown_as(
 
 def _views(display: Display, photograph: LuminanceImage, room: RoomModel) -> tuple[int, ...]:
     """Return the openings in which the photograph shows something bright: not a wardrobe that was taken for a door, in
-    whose place there will be a bright wall.
-    """
+    whose place there will be a bright wall."""
     step = max(1, photograph.rgb.shape[1] // 1024)
     sample = np.ascontiguousarray(photograph.rgb[step // 2 :: step, step // 2 :: step])
     level = luminance_cd_m2(display.balanced(sample))

@@ -119,8 +119,7 @@ def _repeatability(image: LuminanceImage, own: Doubles) -> float | None:
 def _detection_limit(image: LuminanceImage, own: Doubles) -> float | None:
     """Return the luminance that best parts unsure pixels below from sure ones above (`DETECTED`); None: all unsure.
 
-    Few pixels do not count much: a sun's edge is unsure, and bright.
-    """
+    Few pixels do not count much: a sun's edge is unsure, and bright."""
     level = luminance_map(image)
     seen = (image.validity != Validity.OUTSIDE) & (image.validity != Validity.CLIPPED) & (level > 0)
     if not seen.any():

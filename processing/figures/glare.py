@@ -158,8 +158,7 @@ def glare_indices(
 
 class _Look(NamedTuple):
     """What lies ahead of an observer: which pixels of the flattened picture (n,), their solid angles and the same
-    projected onto the plane of the eye, steradians; and (3, 3) from the picture's rays to the right, ahead and up.
-    """
+    projected onto the plane of the eye, steradians; and (3, 3) from the picture's rays to the right, ahead and up."""
 
     where: Indices
     solid: Doubles

@@ -115,8 +115,7 @@ def _judged(scene: _Scene, labels: Int32s, number: int) -> Board | None:
     """Return a region as a board with its confidence; None for what is far too small, too large, or too high.
 
     Widths of the measures (0.25 stop uneven, 0.9 from neutral, 2.5 stops above the median as a window is, 0.012 sr)
-    are chosen on the simulated rooms.
-    """
+    are chosen on the simulated rooms."""
     rows, columns = np.nonzero(labels == number)
     if columns.min() >= scene.width_px or columns.max() == labels.shape[1] - 1:
         return None  # seen whole on the left, or cut off where the continuation ends

@@ -203,8 +203,7 @@ def pillow(size_m: Vector, cells: int = 8) -> Mesh:
 def _two_sided(top: Doubles, bottom: Doubles, uv: Doubles) -> Mesh:
     """Return the closed body between two grids of points (N, M, 3), the top's normals along d/drow x d/dcolumn.
 
-    The rim has normals of its own, as a seam or the edge of a leaf has.
-    """
+    The rim has normals of its own, as a seam or the edge of a leaf has."""
     n, m = top.shape[:2]
     faces, rim = grid_faces(n, m), grid_rim(n, m)
     k = np.arange(len(rim))

@@ -173,8 +173,7 @@ def _found(
 ) -> tuple[list[Final], list[Chosen]]:
     """Return the states found last and the arrangements chosen: of the room rounded where they are as good.
 
-    ``inner``: the plan in the canonical frame; ``how``: how many arrangements, for how many the search is, seed.
-    """
+    ``inner``: the plan in the canonical frame; ``how``: how many arrangements, for how many the search is, seed."""
     n, wide, seed = how
     best: list[Chosen] = []
     for cell_m in (*CELLS_M, None):
@@ -234,8 +233,7 @@ def _fewer(finals: Sequence[Final], found: int, asked: int) -> tuple[str, ...]:
 def _rounded(room: _Task, inner: FloorPlan, cell_m: float) -> _Task | None:
     """Return the task in the room rounded, None where there is none with the same doors.
 
-    ``room``: the task in the room itself, whose plan in the canonical frame is ``inner``.
-    """
+    ``room``: the task in the room itself, whose plan in the canonical frame is ``inner``."""
     way = None if room.stood else rounded_room(inner, cell_m)
     if way is None:
         return None
@@ -248,8 +246,7 @@ def _rounded(room: _Task, inner: FloorPlan, cell_m: float) -> _Task | None:
 def _chosen(task: _Task, finals: Sequence[Final], n: int, wide: int, before: Sequence[Chosen] = ()) -> list[Chosen]:
     """Return up to `n` arrangements: of those that leave least out, good and different ones that the judge passes.
 
-    ``wide``: how many alternatives the search was for.
-    """
+    ``wide``: how many alternatives the search was for."""
     if not finals:
         scores = soft_scores(Floor(task.plan), task.stood)
         only = Candidate(task.stood, (), weighted(scores, task.book.weights), scores)

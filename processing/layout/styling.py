@@ -176,8 +176,7 @@ def _windows(room: _Room, row: Mapping[str, Any]) -> Groups:
     """Yield curtains of one length and their rod for each row of windows where there is room on both sides, else a
     blind, drawn up, before the top of each.
 
-    A single curtain looks forgotten, and a rod across a blind or a picture wrong: such windows go without.
-    """
+    A single curtain looks forgotten, and a rod across a blind or a picture wrong: such windows go without."""
     wide, deep, _ = row["size"]
     for run in _runs(room.plan):
         edge, start, end = run[0].edge, run[0].start_m, run[-1].end_m

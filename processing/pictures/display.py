@@ -244,8 +244,7 @@ def _guided(light: Floats, given: Floats | None, reach: int, eps: float, *, arou
     """Return what is ``given`` (H, W), smooth but for the edges of light in stops, (H, W) or (H, W, 3): He et al. 2013.
 
     ``given`` None: the light (H, W) itself, in stops. Only what is near something above 0 is worked out, the rest is 0.
-    Where it reaches far its coefficients are those of half the size (He and Sun 2015).
-    """
+    Where it reaches far its coefficients are those of half the size (He and Sun 2015)."""
     wide, scale = light.shape[1], 0.5 if reach >= HALVED_PX else 1.0
     beyond, mode = round(2 * reach / scale) + 8, cast(Any, "wrap" if around else "clip")
     out, (there, least) = np.zeros(light.shape[:2], np.float32), (light, 1) if given is None else (given, 0)

@@ -237,8 +237,7 @@ def _jpeg_size(data: bytes, name: str) -> tuple[int, int]:
     """Return width and height of a JPEG of the kinds that cameras write: Huffman coded, 8 bits, grey or YCbCr.
 
     Others (lossless, arithmetic, four colours) are refused before the decoder sees them: reduced decoding of lossless
-    ones writes beyond its buffer (libjpeg-turbo 3, found with damaged files).
-    """
+    ones writes beyond its buffer (libjpeg-turbo 3, found with damaged files)."""
     if data[:2] != b"\xff\xd8":
         raise damaged_picture(name, "it does not start like a JPEG")
     at = 2

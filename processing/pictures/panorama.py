@@ -256,8 +256,7 @@ def _light(path: Path, kind: Format, *, stated: bool) -> GivenPanorama:
 def _of_decimals(path: Path) -> bool:
     """Return whether a TIFF says that it holds floating point numbers (SampleFormat 3, TIFF 6.0), upright and whole.
 
-    Pillow opens no such picture of three channels, so its tags are looked at here.
-    """
+    Pillow opens no such picture of three channels, so its tags are looked at here."""
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
     try:

@@ -81,8 +81,7 @@ def _other_curve(image: Image, path: Path, kind: Kind) -> str | None:
     """Return the tone curve that a file states, where that is far from sRGB's (or a profile's).
 
     Of several, as of a picture beside its gain map, all must be. In a PNG cICP counts before iCCP, sRGB and gAMA, of
-    which programs write 1/2.2 for sRGB; what differs by more than a twentieth is another curve (chosen).
-    """
+    which programs write 1/2.2 for sRGB; what differs by more than a twentieth is another curve (chosen)."""
     where, nclx = {"avif": _NCLX, "png": _CICP}.get(kind), image.info.get("nclx_profile") or {}
     found = where.findall(path.read_bytes()) if where else [bytes([nclx.get("transfer_characteristics", 0)])]
     stated = {int.from_bytes(one) for one in found}

@@ -191,8 +191,7 @@ def _clear_share(clear: Beam, beam: float, elevation_rad: float) -> float:
     """Return the light (lx) on level ground that a sky's is measured by: the clear sky's, and what clouds scatter.
 
     The less of the sun's ``beam`` arrives, the more of it comes as the light of clouds: an overcast sky gives a share
-    of sun and sky together (Kasten and Czeplak 1980).
-    """
+    of sun and sky together (Kasten and Czeplak 1980)."""
     return clear.diffuse_lx + (1 - beam) * clear.normal_lx * max(math.sin(elevation_rad), 0.0)
 
 

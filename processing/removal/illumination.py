@@ -245,8 +245,7 @@ def _pairs(
 ) -> tuple[Doubles, Doubles, Doubles]:
     """Return design, target and weight of differences between pixels one lattice step apart.
 
-    Brighter pixels weigh more: what little light dark ones give off is glints and what lies behind them.
-    """
+    Brighter pixels weigh more: what little light dark ones give off is glints and what lies behind them."""
     smooth, _ = known_mean(tone, known, 1.5)
     bright = grey(smooth) - float(np.median(grey(smooth)[known]))
     designs, targets, weights = [], [], []

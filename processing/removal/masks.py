@@ -256,8 +256,7 @@ def _with_things(
     wall's.
 
     ``things``: the probability of fixtures, 0 where none are (up to `BLOCKED` they stay), and of things, (H, W) each.
-    ``flat`` (H, W): where the floor, or what lies flat on it, is seen by the network's distances.
-    """
+    ``flat`` (H, W): where the floor, or what lies flat on it, is seen by the network's distances."""
     count, labels = components(things[0] > 0)
     numbers, beside = np.arange(count + 1), grown(openings, CURTAIN_RAD)
     parts = grown(found.mask, pieces.TOUCH_RAD), things[0] > BLOCKED, beside

@@ -318,8 +318,7 @@ def _ends(looks: Floats, steep: Floats, clump: Flags, usual: Flags) -> bool:
     """Return whether a clump ends at an edge, as things do; light and shadow run out.
 
     ``steep`` (H, W): how much looks change across `ACROSS_CELLS`. Towards a hole nobody sees how a clump ends: what has
-    no other border is a thing.
-    """
+    no other border is a thing."""
     outside = cv2.distanceTransform((~clump).astype(np.uint8), cv2.DIST_L2, 3)
     inside = cv2.distanceTransform(clump.astype(np.uint8), cv2.DIST_L2, 3)
     around = usual & (outside > ACROSS_CELLS) & (outside <= 3 * ACROSS_CELLS)

@@ -119,8 +119,7 @@ def _usual_costs(tone: Floats, known: Flags, offsets: Doubles) -> Floats:
     """Return (N,): each shift's mean squared difference over all pixels that are known here and there.
 
     Rows of panes or tiles may differ more than the panes of one row: copies from along the row are then the better
-    ones in the middle of a hole too, where nothing known is near enough to compare.
-    """
+    ones in the middle of a hole too, where nothing known is near enough to compare."""
     step = max(1, round(math.sqrt(known.size / USUAL_PX)))
     small, seen = np.ascontiguousarray(tone[::step, ::step]), np.ascontiguousarray(known[::step, ::step])
     whole = (slice(0, seen.shape[0]), slice(0, seen.shape[1]))
@@ -140,8 +139,7 @@ def _costs(
 ) -> Floats:
     """Return (N, H, W): the mean squared difference between each copy and the guess in a box; inf where not offered.
 
-    What it ``usual``ly is (N,) counts as so many pixels more.
-    """
+    What it ``usual``ly is (N,) counts as so many pixels more."""
     prior = np.float32(USUAL_SHARE * size**2)
     trust = np.where(known, 1.0, np.where(hole, GUESS_WEIGHT, 0.0)).astype(np.float32)
     cost = np.empty((len(copies), *known.shape), np.float32)

@@ -137,8 +137,7 @@ def _lone(labels: Int32s, colours: Floats, where: Flags, floor: Flags) -> Flags:
 def _contrast(part: Flags, found: Flags, colours: Floats, floor: Flags | None = None) -> float:
     """Return how far the colour of a part (H, W) is from what is around, without what is found already.
 
-    ``floor`` (H, W): 0 where that is not around it; what is only darker is then no farther than its shade.
-    """
+    ``floor`` (H, W): 0 where that is not around it; what is only darker is then no farther than its shade."""
     (high, wide), (rows, columns) = part.shape, spanned(part)
     beside = np.arange(columns[0] - 6, columns[-1] + 7) % wide
     window = np.ix_(np.arange(max(0, rows[0] - 6), min(rows[-1] + 7, high)), beside)

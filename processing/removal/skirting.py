@@ -127,8 +127,7 @@ def _boards_seen(rgb: Floats, room: RoomModel, masked: Flags, share: Floats) -> 
     """Return skirting where the network sees it, as even boards: also where walls are taken for too near or too far.
 
     ``rgb`` (H, W, 3), ``masked`` (H, W) and ``share`` (h, w) are as for `find_skirting`. Tone is taken from ``masked``
-    boards only where there are no others, the wall's never.
-    """
+    boards only where there are no others, the wall's never."""
     height, width = masked.shape
     seen, px_rad = resized(share, (height, width)), math.pi / height
     row, surest, columns = seen.argmax(axis=0), seen.max(axis=0), np.arange(width)

@@ -95,8 +95,7 @@ def _standing(
     lower frame is seen, or which lie too high to be anything else.
 
     Of the other edge of one, which is hidden, nobody knows. ``seen``: as of `upright_parts`, and edges that run level,
-    (H, W) each; ``rim`` (W,): where the hole begins.
-    """
+    (H, W) each; ``rim`` (W,): where the hole begins."""
     known, things, level = seen
     rows, near, gone = np.arange(len(known))[:, None], max(1, round(NEAR_M * px_per_m)), set()
     for columns, top in _between(edges, len(rim)):
@@ -114,8 +113,7 @@ def _standing(
 def _rims(hole: Flags, px_per_m: float) -> Indices:
     """Return, for each column, the highest row of the hole that reaches the wall's foot; H where none does.
 
-    Rests of things may be seen in it.
-    """
+    Rests of things may be seen in it."""
     height = len(hole)
     upward = hole[::-1]
     near = upward[: max(1, round(FOOT_M * px_per_m))].any(axis=0)

@@ -288,8 +288,7 @@ def _day(parts: Sequence[Sequence[report.Card]], taken: datetime) -> report.Card
     """Return the moments of one day, state and weather of which there are most: swept ones first, else a run's own.
 
     A title is "2023-06-21 09:00, staged 1"; another sky is no moment of a day. The first shown is the nearest to the
-    hour of the photograph, whose light the pictures above have.
-    """
+    hour of the photograph, whose light the pictures above have."""
     found = None
     for cards in parts:
         kinds = [(one.title[:10], one.title[16:], one.text) for one in cards]

@@ -378,8 +378,7 @@ def _width_px(image: LuminanceImage, frame: Frame, least_px: int, most_px: int, 
 def _light(image: LuminanceImage, measured: Panorama, frame: Frame) -> LuminanceImage:
     """Return a still's light in the picture's unit: the whole level view, of which the still is the lower part.
 
-    It has the panorama's own resolution at most, and `LIGHT_PX` of width: light is not made up by enlarging.
-    """
+    It has the panorama's own resolution at most, and `LIGHT_PX` of width: light is not made up by enlarging."""
     view = frame.view(_width_px(image, frame, 64, LIGHT_PX))
     rgb = cut_view(measured, view)
     doubt = cut_view(np.minimum(image.uncertainty, np.float32(1e3)), view)

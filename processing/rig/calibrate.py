@@ -186,8 +186,7 @@ def _optics(request: RigRequest, camera: CameraFit, *, raw: bool = False) -> Cam
 def _same_camera(chart: SessionSide, others: Sequence[SessionSide]) -> list[SessionSide]:
     """Return the sessions, each once (the chart's where there are none); another camera or white balance is refused.
 
-    Aperture, filter and ISO do not change a response curve enough to matter.
-    """
+    Aperture, filter and ISO do not change a response curve enough to matter."""
     found: dict[str, SessionSide] = {}
     for other in others:
         differ = [

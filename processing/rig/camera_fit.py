@@ -254,8 +254,7 @@ def _best_rule(
 ) -> tuple[ResponseFit, ShutterRule, list[str]]:
     """Return the fit and rule that calls the fewest times wrong, then whose curve leaves the least residual.
 
-    And a doubt where that is hardly less than another's.
-    """
+    And a doubt where that is hardly less than another's."""
     tried: list[tuple[int, float, int, ResponseFit, ShutterRule]] = []
     failed: ResponseError | None = None
     for number, rule in enumerate(rules):

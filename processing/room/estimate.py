@@ -145,8 +145,7 @@ def estimate_room(
 def _heard(boundary: BoundaryEvidence, evidence: SceneEvidence) -> Columns:
     """Return columns whose floor counts less where its end at the wall is not seen; the heights' ratio is by these.
 
-    What networks guess behind furniture errs to one side in a whole room: walls would end beyond their floor.
-    """
+    What networks guess behind furniture errs to one side in a whole room: walls would end beyond their floor."""
     azimuth = ((np.arange(len(boundary.floor_rad)) + 0.5) / len(boundary.floor_rad) - 0.5) * (2 * math.pi)
     seen = floor_seen(evidence, azimuth, boundary.floor_rad)
     guessed = GUESSED if seen.mean() > LEAST_SEEN else 1.0

@@ -147,8 +147,7 @@ def middle_of(room: RoomModel, one: Opening) -> tuple[float, float]:
 def _wall_at(room: RoomModel, place: Doubles, way: Doubles) -> int:
     """Return the wall that a place (2,), m, is part of and that looks along ``way`` (2,); -1: none does nearby.
 
-    Two walls may lie on one line, with a recess between them.
-    """
+    Two walls may lie on one line, with a recess between them."""
     lines, every = [line_of(room, k) for k in range(len(room.floor))], range(len(room.floor))
     beside = [k for k in every if 0 <= (place - lines[k][0]) @ lines[k][1] <= room.wall_length_m(k)] or list(every)
     found = _nearest((place, way), [lines[k] for k in beside], FITS_M, FITS_SIN)

@@ -206,8 +206,7 @@ def _fit(field: Field, recess: float, shown: Box) -> Candidate:
 def _plain_is_wall(view: WallView) -> WallView:
     """Return a view in which no column of a window is plain and as bright as the wall beside the window, by day.
 
-    Networks see little of what stands or hangs before a wall near windows, and take the wall between for window.
-    """
+    Networks see little of what stands or hangs before a wall near windows, and take the wall between for window."""
     share, p, panes = view.share, view.px_per_m, proposals(Field(view, opening_fit.WINDOW))
     rows = np.where(view.known, view.log_luminance, np.nan)
     wide, narrow = max(1, round(opening_fit.AROUND_M * p)), np.ones((1, max(1, round(PIER_M * p))), np.uint8)

@@ -213,8 +213,7 @@ def _with_azimuth(arcs: Arcs, worth: Doubles, vertical: Doubles) -> Doubles:
 def _merit(arcs: Arcs, worth: Doubles, rows: Doubles) -> float:
     """Return how well axes explain the arcs, each axis by itself: planks, however many, are evidence of one axis only.
 
-    Of nearly equal ones the less tilted wins.
-    """
+    Of nearly equal ones the less tilted wins."""
     excess, _ = _excess(arcs, worth, rows, SEARCH_RAD)
     return float(np.sqrt(np.maximum(excess, 0.0)).sum()) - TILT_COST * float(np.arccos(min(1.0, abs(rows[2, 2])))) ** 2
 

@@ -106,8 +106,7 @@ class Previews:
     ) -> object | None:
         """Return what a stage made, or was given in its place, small, with the layers drawn since over its masks.
 
-        None where it left it out.
-        """
+        None where it left it out."""
         artifact = next(one for one in stage_named(stage).makes if one.name == name)
         path = given.get(name) if given else self._session / "stages" / stage / file_name(artifact)
         found = self._small(path, parts, name, partial(load, artifact)) if path and path.is_file() else None

@@ -173,8 +173,7 @@ class TfliteSegmenter(_ByContract):
 def _with_outputs(network: bytes, names: tuple[str, ...]) -> bytes:
     """Return a TensorFlow Lite file that gives inner tensors of those names in place of as many of its outputs.
 
-    So class scores can be read of networks that end in class numbers. Names that it does not have change nothing.
-    """
+    So class scores can be read of networks that end in class numbers. Names that it does not have change nothing."""
     from ai_edge_litert.schema_py_generated import Model
 
     changed = bytearray(network)

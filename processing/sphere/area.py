@@ -131,8 +131,7 @@ def _gauss_sums(u: Any, v: Any, shifts: Any, table: Any, which: Any, limits: Any
     """Fill sums over Gauss's points, times a cell's area, of cells (h, w) with middles ``u`` (w,), ``v`` (h,): radii.
 
     ``which`` (4,): the plane's normal, and whether one is asked for. ``limits``: radii up to which it is done, and up
-    to which NaN says that it is not; that area.
-    """
+    to which NaN says that it is not; that area."""
     last = table.shape[1] - 1
     for j in range(v.shape[0]):
         for i in range(u.shape[0]):
@@ -174,8 +173,7 @@ def _by_edges(lens: Fisheye, row: Indices, column: Indices, integral: Integral) 
 def _line(lens: Fisheye, fixed: Doubles, start: Doubles, end: Doubles, integral: Integral) -> Doubles:
     """Return the integral of fixed F / r2 over the part of a grid line inside the circle.
 
-    With along = c sin(a), c the half chord, the root that F has at an orthographic circle's edge is smooth in a.
-    """
+    With along = c sin(a), c the half chord, the root that F has at an orthographic circle's edge is smooth in a."""
     chord = np.sqrt(np.maximum(1 - fixed * fixed, 0.0))
     safe = np.where(chord > 0, chord, 1.0)
     a0, a1 = (np.where(chord > 0, np.arcsin(np.clip(t / safe, -1.0, 1.0)), 0.0) for t in (start, end))

@@ -36,8 +36,7 @@ def _add_piece(x0: float, y0: float, x1: float, y1: float, first: int, count: in
     """Add an edge's piece within one row: in each column the area to its right, and the height that later ones get.
 
     The first ``count`` of ``area`` and ``cover`` belong to columns from ``first``; an edge left of them covers all, one
-    right of them nothing.
-    """
+    right of them nothing."""
     if x0 == x1 or np.floor(x0) == np.floor(x1):
         i = int(np.floor(x0)) - first
         if i < 0:
@@ -119,8 +118,7 @@ def _box(px: Any, py: Any, plane: Any, near: Any, live: int, solid: float, light
     """Add a cell's light by the box that has its middle and its widths, unless something ``near`` wants better.
 
     A turned or sheared cell and its box agree in their first and second moments: where light changes evenly, exactly.
-    Only the first ``live`` channels are not 0 there.
-    """
+    Only the first ``live`` channels are not 0 there."""
     x, y = (px[0] + px[1] + px[2] + px[3]) / 4, (py[0] + py[1] + py[2] + py[3]) / 4
     row, column = int(np.floor(y)), int(np.floor(x))
     if row < 0 or column < 0 or row >= plane.shape[0] or column >= plane.shape[1] or near[row, column]:

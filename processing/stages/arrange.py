@@ -107,8 +107,7 @@ def _arranged(plan: FloorPlan, items: Sequence[Item], asked: ArrangeParameters) 
     """Return the arrangements, or others with a smaller bed or by tighter rules, where a set's bed has no place.
 
     Where no bed has one, what else the set has stands by itself. Raises `RoomTooSmallError` as `arrange` does, where
-    nothing of a set can stand, or something that is asked for by name cannot.
-    """
+    nothing of a set can stand, or something that is asked for by name cannot."""
     made = partial(arrange, plan, n=asked.alternatives, seed=asked.seed, pins=parse_pins(asked.pin))
     found, refused = list[Arrangements](), list[RoomTooSmallError]()
     try:

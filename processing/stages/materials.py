@@ -196,8 +196,7 @@ def _joined(sunless: Flags, sunlit: Flags, returned: Flags) -> Flags:
     """Return where the sun may fall anew (H, W): without gaps, for stand-ins, whose shade ends there, are not exact.
 
     ``sunless``, ``sunlit`` (H, W): what removal left without sun, and where it stands as photographed; ``returned``
-    (h, w), smaller: seen places that old furniture shaded.
-    """
+    (h, w), smaller: seen places that old furniture shaded."""
     light = (resized((sunless | sunlit).astype(np.float32), returned.shape) > SAME) | returned
     closed = ~grown(~grown(light, GAP_RAD), GAP_RAD)
     return sunless | ((resized(closed.astype(np.float32), sunless.shape) > SAME) & ~sunlit)

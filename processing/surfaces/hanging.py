@@ -75,8 +75,7 @@ def hanging(room: RoomModel, rgb: Floats, places: list[Any] | None) -> Iterator[
 def _before(seen: Floats, behind: Int16s, mount: int) -> Flags:
     """Return what (h, w) of a picture (h, w, 3) hangs in its middle from row ``mount`` down; ``behind``: `_differs`.
 
-    A shade is as wide to the left as to the right, and convex; what is neither is taken as it is seen.
-    """
+    A shade is as wide to the left as to the right, and convex; what is neither is taken as it is seen."""
     off, half = _differs(seen, behind), behind.shape[1] // 2
     even, sharp = (np.linalg.norm(one, axis=-1) for one in (cv2.GaussianBlur(off, (0, 0), BLUR), off))
     away, reach = np.abs(np.arange(-half, half + 1)), half // 8

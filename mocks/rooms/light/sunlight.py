@@ -159,8 +159,7 @@ def _lit(
 ) -> tuple[Doubles, Doubles, Doubles]:
     """Cast a ray of the sun through every cell of a window and lay the cell's shadow where it ends.
 
-    Returns of the lit cells the part (N,), the surface's normal (N, 3), and the cell's corners (N, 4, 3).
-    """
+    Returns of the lit cells the part (N,), the surface's normal (N, 3), and the cell's corners (N, 4, 3)."""
     corner, u, v = window
     across, up = (max(1, round(float(np.linalg.norm(side)) / CELL_M)) for side in (u, v))
     a, b = np.meshgrid((np.arange(across) + 0.5) / across, (np.arange(up) + 0.5) / up)

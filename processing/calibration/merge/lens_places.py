@@ -107,8 +107,7 @@ def _pattern(light: Floats, angle_rad: Doubles, windows: int = 16) -> Bytes:
     """Return what a lens's picture (S, S) of 0..1 shows beside its light and contrast; 128 where it is even.
 
     ``angle_rad`` (S, S): from its axis; what lies beyond `PATTERN_RAD`, black perhaps, is left out. Means are
-    over 2 / ``windows`` of the side.
-    """
+    over 2 / ``windows`` of the side."""
     inside = (angle_rad < PATTERN_RAD).astype(np.float32)
     log = np.log(np.clip(light, 0, 1) + np.float32(0.003)) * inside
     side = 2 * (len(light) // windows) + 1
@@ -127,8 +126,7 @@ def _likeness(one: Bytes, other: Bytes) -> float:
 def _facing(halves: Sequence[Floats], luma: Bytes) -> list[Doubles]:
     """Return each lens at first: one looks along the panorama's middle, one against it, in eighths of a turn.
 
-    Raises `BracketError` where neither order resembles the panorama.
-    """
+    Raises `BracketError` where neither order resembles the panorama."""
     best = {}
     for k, half in enumerate(halves):
         own = lens_pair.reduced(np.minimum(half, 1), SIZES_PX[0])

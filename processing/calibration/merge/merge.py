@@ -316,8 +316,7 @@ def _widen(planes: Planes, samples: MergeTables | LinearSamples, job: _Job) -> t
     """Return what all pixels share; add it, and what texture hides, to each pixel's uncertainty, in place.
 
     What is added, squared, is the second array (H, W): what one frame shows has it too. Samples that disagree by what
-    the texture around them explains are no longer suspect.
-    """
+    the texture around them explains are no longer suspect."""
     if isinstance(samples, MergeTables):
         found = modes.merge_modes(samples, job.curve or linear_curve(), job.order.times_s, job.order.time_sigma)
     else:

@@ -252,8 +252,7 @@ def _show(
 ) -> None:
     """Show pixels as their reference frame saw them, or as the nearest frame that can.
 
-    What no frame can show (a sun clipped in all) keeps its merged value, the bound that the shortest frame gives.
-    """
+    What no frame can show (a sun clipped in all) keeps its merged value, the bound that the shortest frame gives."""
     worth = _worth(frames, tables, places)
     shown = (worth > USABLE).any(axis=0)
     places, reference, worth = places[shown], reference[shown], worth[:, shown]

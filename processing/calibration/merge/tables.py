@@ -159,8 +159,7 @@ def coding_error(curve: ResponseCurve, noise: NoiseModel) -> float:
 def _last_useful(curve: ResponseCurve, own: Doubles, times_s: Doubles, max_error: float) -> Int64s:
     """Return for each frame k the last frame that is needed where k is unclipped.
 
-    The frames after it would shrink the standard uncertainty of no code by more than ``max_error``.
-    """
+    The frames after it would shrink the standard uncertainty of no code by more than ``max_error``."""
     count = len(times_s)
     last = np.full(count, count - 1, dtype=np.int64)
     for k in range(count):
@@ -287,8 +286,7 @@ def _pair(longer: Seen, shorter: Seen, tables: Samples, assumed: tuple[int, floa
     """Compare two frames where both expose well; ``assumed``: place of the longer, factor of its noise's variance.
 
     Pixels are chosen by the mean of both, whose noise is independent of their difference: choosing by one frame's code
-    would choose its noise too, and show an offset where there is none.
-    """
+    would choose its noise too, and show an offset where there is none."""
     (a, weight_a), (b, weight_b) = longer, shorter
     place, factor = assumed
     ratio = float(np.median(tables.saturation[place + 1] / tables.saturation[place]))
@@ -311,8 +309,7 @@ def _pair(longer: Seen, shorter: Seen, tables: Samples, assumed: tuple[int, floa
 def _wander2(stops: Doubles, level: Doubles, part: Int64s) -> tuple[float, int]:
     """Return the summed squares of the parts' median change (n,) beyond chance, and of how many samples.
 
-    What hangs on the level is taken off: that is the curve's.
-    """
+    What hangs on the level is taken off: that is the curve's."""
     if len(stops) < MIN_SAMPLES:
         return 0.0, 0
     bins = np.searchsorted(np.quantile(level, np.linspace(0, 1, BINS + 1)[1:-1]), level)

@@ -174,8 +174,7 @@ def _usable(before: Doubles, after: Doubles, doubt: Doubles) -> tuple[Doubles, D
 def _column(plain: Doubles, seen: Doubles, doubt: Doubles, channel: int) -> tuple[Doubles, Doubles]:
     """Return what a channel (N,) behind the filter has of each of ``plain`` (N, 3), and the covariance (3, 3) of that.
 
-    ``doubt``: (N,), relative.
-    """
+    ``doubt``: (N,), relative."""
     held = np.diag([0.0 if c == channel else _MIXED**-2 for c in range(3)])
     shown = seen
     for _ in range(4):  # A weight by what is seen alone would prefer what noise has made dark, or a gamut has cut.

@@ -146,8 +146,7 @@ def _settled(data: ChannelSamples, times: Doubles, prior: CurvePrior, before: Ch
 def _frames_left_out(data: ChannelSamples, times: Doubles, prior: CurvePrior, fit: ChannelFit) -> Doubles:
     """Return the change of the curve (F, 256) in stops when each frame is left out, as the jackknife takes it.
 
-    What moves a whole frame alike (its time, clouds, tone mapping, coding) is no noise of patches: it shows only so.
-    """
+    What moves a whole frame alike (its time, clouds, tone mapping, coding) is no noise of patches: it shows only so."""
     fine = FineCurve.of(fit.log2)
     found = weigh(data, fine, times, fit.noise)
     weight, _ = _robust(data, found, final=True)

@@ -231,8 +231,7 @@ def fit_noise(
 def _predicted(long_codes: Doubles, step: Doubles, fine: FineCurve) -> tuple[Doubles, Flags, Doubles]:
     """Return the codes (n,) that a frame ``step`` stops shorter has, whether both are of use, and terms (n, 3).
 
-    Terms: variance of the difference, in squared codes, for a unit of photon, read2 and code variance.
-    """
+    Terms: variance of the difference, in squared codes, for a unit of photon, read2 and code variance."""
     at_long, slope_long, _ = fine.at(long_codes)
     predicted = fine.code(at_long + step)
     use = (long_codes < _HIGH) & (long_codes > _LEAST_LONG_CODE) & (predicted > _LOW) & (predicted < _HIGH)

@@ -148,8 +148,7 @@ def _shift(
     """Return stops from the curve at a patch's mean code to the mean log light of the patch, to second order.
 
     Where the curve bends, texture lifts it; noise that enters as light, before the curve, moves the mean code by half
-    the curve's second derivative over *linear* light; and the mean code's own noise counts once more.
-    """
+    the curve's second derivative over *linear* light; and the mean code's own noise counts once more."""
     texture2 = data.spread2 - pixel_variance
     light2 = np.maximum(pixel_variance - code_variance, 0.0)
     shift = 0.5 * (bend * (texture2 - mean_variance) + light2 * (slope**2 * np.log(2.0) + bend))

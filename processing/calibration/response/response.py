@@ -154,8 +154,7 @@ def _tied(samples: Samples, fit: DaylitFit, priors: Sequence[CurvePrior], *, fre
     """Return the fit with channels that are not seen near white held to the one that is seen farthest up.
 
     Under coloured light the weaker channels' upper codes are seen only where another channel is clipped. What is unsure
-    of the one is so of those held to it, together.
-    """
+    of the one is so of those held to it, together."""
     best = max(fit.channels, key=lambda one: one.high)
     if best.high - best.low < LEAST_CODES:
         raise ResponseError("no channel shows enough codes where no other is clipped", where="response")
@@ -265,8 +264,7 @@ def curve_sigma(fit: ChannelFit, gauge: int) -> Doubles:
 def _curve_modes(channels: Sequence[ChannelFit]) -> Doubles:
     """Return the largest independent errors (M, 3, 256) of the curves in stops, 0 at the middle code.
 
-    Of each channel's fit by itself; and of all channels together what one frame decides.
-    """
+    Of each channel's fit by itself; and of all channels together what one frame decides."""
     found = [np.eye(3)[c][:, None] * alone for c, fit in enumerate(channels) for alone in _own_modes(fit)]
     return np.array([*found, *np.stack([fit.left_out for fit in channels], axis=1)])
 

@@ -119,8 +119,7 @@ def _posterior(rows: Doubles, factors: Doubles, likeliest: Doubles) -> tuple[Dou
     """Return the shares (2 P,) and their covariance: where light is clipped, over all that it may hide (Gibbs).
 
     Given the factor, shares are Gaussian, cut off at 0; given shares, the factors' likelihoods are known. It starts
-    from factors drawn by the volume of their shares (Laplace).
-    """
+    from factors drawn by the volume of their shares (Laplace)."""
     rng, count = np.random.default_rng(0), rows.shape[1] // 2
     tables = [_at(rows, factor) for factor in factors]
     squares = np.array([some.T @ some for some, _ in tables]) + np.eye(count) / PRIOR_SHARE**2

@@ -139,8 +139,7 @@ def _illuminance(image: LuminanceImage, normal: Vector, sums: Doubles, levels: D
 def _add_light(rgb: Any, uncertainty: Any, validity: Any, weights: Any, luminance: Any, sums: Any, levels: Any) -> None:
     """Add light to ``sums``: all, valid pixels' errors squared and straight, the others' errors, solid angle seen, and
     light by `Validity`; to ``levels`` valid light by the upper bits of its luminance (`level_error`). ``weights``
-    (H, W): projected solid angles; ``luminance`` (3,): of R, G and B.
-    """
+    (H, W): projected solid angles; ``luminance`` (3,): of R, G and B."""
     part = np.empty_like(sums)
     for y in range(rgb.shape[0]):
         part[:] = 0.0

@@ -84,8 +84,7 @@ def folder_sources(path: Path) -> list[FileSource]:
 def _own_id(file: Path, taken: Collection[str]) -> tuple[str, tuple[str, ...]]:
     """Return a name that no other file has, and a note where it is not the usual one.
 
-    Usual is the path without its suffix, `sofa` for `sofa/sofa.glb`; files beside each other may share that.
-    """
+    Usual is the path without its suffix, `sofa` for `sofa/sofa.glb`; files beside each other may share that."""
     name = file.with_suffix("").as_posix()
     parts = name.split("/")
     usual = "/".join(parts[:-1]) if len(parts) > 1 and parts[-1] == parts[-2] else name
@@ -150,8 +149,7 @@ def _category(row: dict[str, Any], name: str) -> tuple[str, tuple[str, ...]]:
     """Return a model's category, and a note where the one that is given is not understood.
 
     What `category` says goes first, by its words where it is none of ours; but where it says no more than chair or
-    table, the model's own name or the file's may be more exact.
-    """
+    table, the model's own name or the file's may be more exact."""
     said = " ".join(re.split(r"[\s_-]+", str(row.get("category") or "").lower())).strip()
     if said in KINDS:
         return said, ()

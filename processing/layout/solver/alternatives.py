@@ -194,8 +194,7 @@ def _next(
 ) -> tuple[int, str] | None:
     """Return the best candidate that differs from all chosen and is not known to be invalid, and how it differs.
 
-    `seen`: which are known to be valid, and each one's share that stands elsewhere than in those chosen.
-    """
+    `seen`: which are known to be valid, and each one's share that stands elsewhere than in those chosen."""
     known, shares = seen
     best: tuple[float, int, str] | None = None
     before = [c.candidate for c in chosen]

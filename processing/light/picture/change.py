@@ -145,8 +145,7 @@ def _nodes(job: _Job, rows: slice) -> Nodes:
 
 def _upsampled(change: Change, sight: Sight, places: Places) -> tuple[Floats, Flags, Floats, Flags]:
     """Return what small pixels say of pixels (N): irradiance before and after (N, 6), mirrored light (N, 9 or 0), and
-    for each which (N,) no small pixel shows.
-    """
+    for each which (N,) no small pixel shows."""
     light, missed = change.after.enlarged(change.small, sight, places, wraps=True, before=change.before.picture)
     mirrors = change.mirrors
     if mirrors is None:
@@ -158,8 +157,7 @@ def _upsampled(change: Change, sight: Sight, places: Places) -> tuple[Floats, Fl
 def _looked_at(job: _Job, top: int, photo: Floats, band: Band) -> Sight:
     """Fill the pixels that are still to be done, and return what they see; others see nothing there.
 
-    ``top``: the band's first row in the picture.
-    """
+    ``top``: the band's first row in the picture."""
     change, (high, wide) = job.change, job.photograph.shape[:2]
     index = np.flatnonzero(band.todo)
     row, column = np.divmod(index.astype(np.int32), np.int32(wide))
@@ -199,8 +197,7 @@ def _lit(
 ) -> tuple[_Lit, Floats]:
     """Return the light of pixels (K), in ``sun`` without and with furniture, and what they mirror (K, 9 or 0).
 
-    ``rays``: from what no small pixel shows, for its light and for what it mirrors.
-    """
+    ``rays``: from what no small pixel shows, for its light and for what it mirrors."""
     light, missed, mirror, unmirrored = _upsampled(change, sight, places)
     seed, furniture = change.seed + int(places.row[0]), sight.label >= FIRST_PART
     lit = _Lit(light[:, :3], light[:, 3:], *sun)

@@ -181,8 +181,7 @@ def _mirrored(nodes, j, below, i, beside, corner) -> bool:  # type: ignore[no-un
 def _one_block(block, values, count, photo, weights, band):  # type: ignore[no-untyped-def]
     """Fill a ``block`` (top, bottom, left, right, rows from node to node) from its corners' first ``count`` values.
 
-    ``values``: the corners' (4, 9) and scratch (3, 9).
-    """
+    ``values``: the corners' (4, 9) and scratch (3, 9)."""
     (top, bottom, left, right, tall), (corner, scratch) = block, values
     begin, step, mixed = scratch[0], scratch[1], scratch[2]
     across = np.float32(1) / np.float32(right - left)

@@ -88,8 +88,7 @@ def _apart(shown: np.ndarray, model: np.ndarray) -> Floats:
 def _around(apart: Floats, known: Flags, sunlit: Flags) -> Floats:
     """Return how far photograph and scene are apart (H, 2 H): a sill is finer than albedo, so what is around counts.
 
-    Not at the captured sun, whose edges the scene has a pixel beside.
-    """
+    Not at the captured sun, whose edges the scene has a pixel beside."""
     side = 2 * round(AROUND * apart.shape[0]) + 1
     near, *sums = (
         cv2.blur(np.asarray(part, np.float32), (side, side)) for part in (sunlit, np.where(known, apart, 0), known)
@@ -100,8 +99,7 @@ def _around(apart: Floats, known: Flags, sunlit: Flags) -> Floats:
 def _window(photograph: Floats, view: RelightView, chosen: Int64s, lights: tuple[Outdoors, Outdoors]) -> Floats:
     """Return what is seen through windows by some pixels: the sky as it changes there, things as the light on them.
 
-    What covers the glass follows the light on the pane, trees, houses and the ground the light on level ground.
-    """
+    What covers the glass follows the light on the pane, trees, houses and the ground the light on level ground."""
     sight, scene = view.full, view.stage.scene
     rays, shown = sight.rays[chosen], photograph @ _WEIGHTS
     level_ratio = level_lx(lights[1]) / max(level_lx(lights[0]), 1e-9)

@@ -300,8 +300,7 @@ def _textured(
 ) -> tuple[Scene, Floats]:
     """Return the scene with albedo and lamps as textures, and the albedo picture with untold pixels taken from them.
 
-    ``besides``: what pixels give off by themselves (N, 3), cd/m2, and how glossy the floor is.
-    """
+    ``besides``: what pixels give off by themselves (N, 3), cd/m2, and how glossy the floor is."""
     emission, gloss = besides
     geometry = Equirectangular(sight.shape[1], sight.shape[0])
     usual = _usual(value, sight, measured)

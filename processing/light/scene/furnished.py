@@ -268,8 +268,7 @@ class _Both(NamedTuple):
 def _as_shown(full: Stage, bare: Stage, shown: _Shown, samples: int, seed: int) -> tuple[LightMap, LightMap]:
     """Return the light of both rooms, of which seen patches give what the picture shows.
 
-    Without furniture a seen patch gives as many times more as the scenes say; the sun falls anew.
-    """
+    Without furniture a seen patch gives as many times more as the scenes say; the sun falls anew."""
     among, without = side_by_side(lambda stage: light_map(stage, samples, seed), (full, bare))
     model = full.albedo * among.rest
     smooth = np.minimum(shown.given, sources.LAMP_TIMES * model)
@@ -366,8 +365,7 @@ def guarded(
 def _known_beside(full: Stage, bare: Stage, shown: _Shown) -> tuple[float, float]:
     """Return by what so much furniture changes rooms, and how uncertain this room's own change is, natural logarithms.
 
-    What sunlit furniture gives off, and what the sun gives back without it, are the least certain.
-    """
+    What sunlit furniture gives off, and what the sun gives back without it, are the least certain."""
     count, area = bare.patches.count, full.patches.area_m2
     given, furniture = shown.given @ WEIGHTS, shown.seen & (np.arange(len(area)) >= count)
     sunlit = furniture & (given > SHINES * np.median(given[furniture])) if furniture.any() else furniture
@@ -382,8 +380,7 @@ def _moved(change: Floats, seen: Flags, maps: SurfaceMaps, prior: float, doubt: 
     """Return by what each plane's log change (H, W, C) moves towards that of rooms, and how far its own is trusted.
 
     It is the posterior's mean: both normally distributed, but for `GROSS` of rooms, whose model is of no use. Planes of
-    which nothing is seen move as if they changed as all do.
-    """
+    which nothing is seen move as if they changed as all do."""
     away, wide = np.zeros_like(change), math.hypot(SPREAD, doubt)
     for plane in np.unique(maps.plane) if seen.any() else ():
         mine = maps.plane == plane

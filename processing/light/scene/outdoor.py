@@ -48,8 +48,7 @@ _COARSE_PX = 16  # between the directions by which the sun's neighbourhood is fo
 def _sun_apart(image: LuminanceImage, weights: Floats) -> tuple[Floats, Sun | None]:
     """Return a picture (H, W, 3) without its sun, and the sun, from the part of it about its brightest pixel.
 
-    ``weights`` (H, W): 0 outside the field.
-    """
+    ``weights`` (H, W): 0 outside the field."""
     light = luminance_cd_m2(image.rgb) * (weights > 0)
     row, column = np.unravel_index(int(light.argmax()), light.shape)
     high, wide = light.shape

@@ -90,8 +90,7 @@ def measured_windows(
 def _as_seen(stage: Stage, sight: Sight, rgb: Floats, valid: np.ndarray, eye_m: Vector) -> tuple[Pane, ...]:
     """Return panes that give the camera what pixels (N, 3) show on them, in the mean above the horizon and below it.
 
-    What they give too little comes as a veil, what is too much they hold back.
-    """
+    What they give too little comes as a veil, what is too much they hold back."""
     given, panes = seen_outdoors(stage, sight), []
     area = solid_angles(Equirectangular(sight.shape[1], sight.shape[0])).ravel()
     for number, pane in enumerate(stage.scene.panes):
@@ -160,8 +159,7 @@ def _covered(stage: Stage, pane: Pane, outdoors: Outdoors, panorama: Floats, eye
     """Return a pane with clear share and veil as the camera sees them; what it does not see is like the rest.
 
     A cell is clear or not, by ``outdoors`` with the ground as it is seen. What covers the rest is as bright from
-    everywhere as for the camera.
-    """
+    everywhere as for the camera."""
     way, seen, (rows, columns) = _cells(stage, pane, eye_m)
     shown = looked_up(panorama, way).astype(np.float64)
     through = looked_up(outdoors.rgb, way) * np.asarray(pane.transmittance)
@@ -186,8 +184,7 @@ def _covered(stage: Stage, pane: Pane, outdoors: Outdoors, panorama: Floats, eye
 def _seen_ground(stage: Stage, sight: Sight, rgb: Floats, valid: np.ndarray, transmittance: Rgb) -> Floats | None:
     """Return (H, W, 3) how bright the ground is against its guess, 1 above the horizon; None where it is not seen.
 
-    It is that of the clear places seen within `GROUND_RAD`; elsewhere, of all.
-    """
+    It is that of the clear places seen within `GROUND_RAD`; elsewhere, of all."""
     mine = np.flatnonzero((sight.label == GLASS) & (sight.rays[:, 2] < -ABOVE_HORIZON) & valid)
     through = looked_up(stage.scene.outdoors.rgb, sight.rays[mine]) * np.asarray(transmittance)
     if len(mine) < LEAST_PIXELS or not (through > 0).all():

@@ -108,8 +108,7 @@ def met_patches(origins, directions, triangle, distance, ownership, patch, facin
 def _solid_angle(x0, y0, z0, x1, y1):  # type: ignore[no-untyped-def]
     """Return the solid angle of a rectangle (x0..x1, y0..y1) at z0 < 0, and what else `_on_rectangle` needs of it.
 
-    Urena, Fajardo and King (2013), "An area-preserving parametrization for spherical rectangles".
-    """
+    Urena, Fajardo and King (2013), "An area-preserving parametrization for spherical rectangles"."""
     # Of the normals of the four sides' planes through the eye only z matters.
     n0z, n1z = -y0 / math.sqrt(z0 * z0 + y0 * y0), x1 / math.sqrt(z0 * z0 + x1 * x1)
     n2z, n3z = y1 / math.sqrt(z0 * z0 + y1 * y1), -x0 / math.sqrt(z0 * z0 + x0 * x0)
@@ -125,8 +124,7 @@ def _solid_angle(x0, y0, z0, x1, y1):  # type: ignore[no-untyped-def]
 def _on_rectangle(sides, angles, p, q):  # type: ignore[no-untyped-def]
     """Return a place (x, y) on a rectangle, ``sides`` (x0, y0, z0, x1, y1), for p, q in 0..1.
 
-    ``angles``: what `_solid_angle` returned of it.
-    """
+    ``angles``: what `_solid_angle` returned of it."""
     (x0, y0, z0, x1, y1), (solid, rest, n0z, n2z) = sides, angles
     angle = p * solid + rest
     fu = (math.cos(angle) * n0z - n2z) / math.sin(angle)

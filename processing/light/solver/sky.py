@@ -102,8 +102,7 @@ def _arrived(free, rays, place, grid, cell) -> int:  # type: ignore[no-untyped-d
     many.
 
     ``rays``: starts (N, 3), ways to the pane (N, 3) and which they were (N,); ``place``: the pane's corner, across and
-    up (3, 3), m, and their squared lengths (3,).
-    """
+    up (3, 3), m, and their squared lengths (3,)."""
     (starts, ways, ahead), (rectangle, lengths2) = rays, place
     count = 0
     for i in range(free.shape[0]):

@@ -147,8 +147,7 @@ def _add_met(links, table, bright, shots, out, apart):  # type: ignore[no-untype
 
     ``table`` (P, 4): radiosity that counts in full, and the density of the ``shots`` at a bright patch (0: none);
     ``bright`` (P, 3): radiosity that is weighted against them. To ``apart`` (N,) goes half the difference in green
-    between the estimates of even and odd rays.
-    """
+    between the estimates of even and odd rays."""
     samples = links.patch.shape[1]
     for i in range(links.patch.shape[0]):
         r = g = b = odd = 0.0
@@ -178,8 +177,7 @@ def _aim(points, normals, shift, goals, shots, origins, ways, ends):  # type: ig
     """Fill rays (N x shots, 3) from points (N, K, 3) to goals that face them, and return how many there are.
 
     ``ends`` (2, N x shots): which goal, and whose ray (counted from 1, negative for a point's odd shots). Ways are not
-    of unit length: they end at the goal at 1.
-    """
+    of unit length: they end at the goal at 1."""
     count, used = goals.places.shape[0], 0
     for i in range(points.shape[0]):
         for s in range(shots):

@@ -118,8 +118,7 @@ def _apply(values, index, weight, out):  # type: ignore[no-untyped-def]
 def _likeness(small, r, c, large, i, least) -> float:  # type: ignore[no-untyped-def]
     """Return how much small pixel (r, c) says of large pixel i: 0 for another surface, less the more they are turned.
 
-    Numbers one by one, no slices: a view of an array costs as much as all the rest.
-    """
+    Numbers one by one, no slices: a view of an array costs as much as all the rest."""
     if large.label[i] != small.label[r, c]:
         return 0.0
     turned = lift = far2 = np.float32(0)
@@ -232,8 +231,7 @@ class Neighbours:
 @compiled
 def _weigh(seen, near_m, step_px, weight):  # type: ignore[no-untyped-def]
     """Fill `Neighbours.weight`: none for another surface, another direction or off the plane; else less with distance
-    against ``near_m`` (H, W), over which irradiance changes there.
-    """
+    against ``near_m`` (H, W), over which irradiance changes there."""
     rows, columns = seen.label.shape
     side = 2 * RADIUS_PX + 1
     for y in range(rows):
