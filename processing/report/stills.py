@@ -50,7 +50,7 @@ NEAR_M = 1.1  # a piece nearer than this fills the picture's edge and is not wan
 DOOR, NEAR_DOOR_M = 0.8, 2.5  # cost of a door in sight that is nearer: large, and mostly open to a dark hall (chosen)
 NEAR_WALL, NEAR_WALL_SHARE = 2.0, 0.3
 """Cost of columns with a wall nearer than this share of the farthest corner (chosen)."""
-TALL_M, FILLS, TALL_SHARE, BACK_SHARE, MOST_FILLED = 1.4, 2.0, 0.12, 0.02, 0.2
+TALL_M, FILLS, TALL_SHARE, BACK_SHARE, MOST_FILLED = 1.4, 3.0, 0.06, 0.02, 0.2
 """Cost of what pieces so tall, and seats' backs, fill of a picture beyond these shares, up to the last (chosen)."""
 CUT_MAIN, ALONE = 0.6, 1.5  # what it costs more to cut a main piece; what it is worth more in an only frame (chosen)
 MAIN, SEATS = ("bed", "single bed", "sofa", "dining table"), ("chair", "armchair", "sofa")
