@@ -37,6 +37,7 @@ STRIP_M, STRIP_PX = 0.25, 3.0  # beside the hole, of which a column's tone is th
 COLUMNS_SEEN = 0.1  # of those of a row and the one above it, from which they say how columns change there (chosen)
 ENOUGH = 0.2  # of that change (squared), which a column must be seen in to say whether it goes with the others (chosen)
 RAIL_SEEN = 0.25  # of a row of a frame's head or sill, or of a column of its side, from which it is seen (chosen)
+PANE_SEEN = 0.5  # of a column near a frame's hidden side, up to which what is seen in it is continued level (chosen)
 
 
 def too_bright(luminance: Floats, known: Flags, factor: float = 6.0) -> Flags:
@@ -215,14 +216,19 @@ def _opening(values: Floats, known: Flags, hole: Flags, region: Flags, px_per_m:
         ends = slice(low[-1] + 1, rows[-1] + 1)  # where a sill is seen at a few places only
         found[ends] = np.where((hole[ends] & rail[low[-1]])[..., None], found[low[-1]], found[ends])
     inwards = np.arange(len(columns))
-    alike = hidden & ~hidden[::-1] & (np.minimum(inwards, inwards[::-1]) < 2 * wide)
-    if alike.any():
+    hidden = known[:, columns].sum(axis=0) <= PANE_SEEN * region[:, columns].sum(axis=0)
+    alike = hidden & ~hidden[::-1] & (np.minimum(inwards, inwards[::-1]) < 3 * wide)
+    if alike.any() and not hidden.all():
         # A frame whose inner edge is seen, darker or brighter than the view, is only wider.
         inner = columns[~hidden][-1 if alike[-1] else 0]
         frame, here = (_median(values, known, np.array([one])) for one in (columns[0 if alike[-1] else -1], inner))
         seen = abs(here - frame) < abs(here - _median(values, known, columns))
+        # Of the other side only what is frame: what is seen through the pane goes on from what is seen beside it.
+        tones = np.array([_median(values, known, np.array([one])) for one in columns[::-1][alike]])
+        ends, framed = np.minimum(inwards, inwards[::-1])[alike], np.abs(tones - frame) < np.abs(tones - here)
+        mirrored = (not seen) & (ends < ends[~framed].min(initial=len(columns)))
         side = np.ix_(np.arange(len(hole)), columns[alike])
-        others = found[:, np.full(alike.sum(), inner) if seen else columns[::-1][alike]]
+        others = found[:, np.where(mirrored, columns[::-1][alike], inner)]
         found[side] = np.where(hole[side][..., None], others, found[side])
     out[part] = found
     return out

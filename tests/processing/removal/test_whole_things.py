@@ -329,6 +329,11 @@ def test_a_hidden_side_of_a_frame_is_as_the_other() -> None:
     done = _opening(np.where(hole[..., None], 0, seen).astype(np.float32), known, hole & region, region, 100.0)
     np.testing.assert_allclose(done[34:66, 124:140], seen[34:66, 20:36][:, ::-1], rtol=0.05)
     assert (done[34:66, 118:124] > 10).all(), "glass up to there"
+    # What is seen at the other side through the glass is not seen twice.
+    seen[34:66, 34:37] = (12.0, 60.0, 12.0)
+    done = _opening(np.where(hole[..., None], 0, seen).astype(np.float32), known, hole & region, region, 100.0)
+    np.testing.assert_allclose(done[34:66, 118:126], 20.0, rtol=0.05)
+    np.testing.assert_allclose(done[34:66, 126:140], seen[34:66, 20:34][:, ::-1], rtol=0.05)
 
 
 def test_beside_a_pane_whose_sides_are_hidden_the_wall_goes_on() -> None:
