@@ -127,7 +127,7 @@ def _colour(elevation_rad: float) -> Doubles:
 
 
 def _painted(image: LuminanceImage, window: Window, cover: Doubles, disc_rgb: Doubles, sigma: float) -> LuminanceImage:
-    """Return the picture with the disc added (3,), its pixels marked, their uncertainty set."""
+    """Return the picture with a disc of RGB (3,) added, its pixels marked, their uncertainty set."""
     rgb, uncertainty, validity = image.rgb, image.uncertainty.copy(), image.validity.copy()
     disc = cover > 0
     part = (window.rows, window.columns)
