@@ -176,8 +176,8 @@ def _find(
     rests |= (grown(rests, MARGIN_RAD) & ~bar) | (grown(rests, 2 * MARGIN_RAD) & fitted)
     plain, hangs = plain | rests, hangs & ~rests
     shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
-    said = _notes(furniture, tripod, sunlight, shadow, (board, stand))
-    return _Found(furniture, tripod, sunlight, shadow, panes, hangs, said)
+    notes = _notes(furniture, tripod, sunlight, shadow, (board, stand))
+    return _Found(furniture, tripod, sunlight, shadow, panes, hangs, notes)
 
 
 def _hung(fixtures: Flags, chances: Floats, shown: Bytes) -> Flags:

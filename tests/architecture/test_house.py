@@ -36,8 +36,8 @@ FORBIDDEN_NAMES = {"utils.py", "helpers.py", "misc.py", "common.py", "manager.py
 LINES = {
     "drivers": 6_582,
     "station": 10_569,  # other disks, other bodies of a camera, other people's files; mocks gave as much
-    "mocks": 14_248,
-    "processing": 59_591,  # floors board by board and without blotches, a lift that doubts, light on furniture
+    "mocks": 14_247,
+    "processing": 59_592,  # floors board by board and without blotches, a lift that doubts, light on furniture
     "studio": 816,
 }
 """The budget of lines of each room."""

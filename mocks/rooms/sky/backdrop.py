@@ -171,7 +171,7 @@ def _woods(band: Backdrop, seed: int, eye_height_m: float) -> None:
     """Paint three belts of far trees, each nearer one clearer; a tree is a ball of leaves, lit as others are."""
     rng = np.random.default_rng([seed, 7307])
     for distance_m, height_m in ((900.0, 42.0), (380.0, 15.0), (170.0, 9.0)):
-        spacing_m = 0.4 * height_m
+        spacing_m, radius_m = 0.4 * height_m, 0.3 * height_m  # chosen by looking, as is all below
         azimuth = np.arange(0.0, 2 * math.pi, spacing_m / distance_m)
         at = azimuth.astype(np.float32) * np.float32(distance_m / 80)
         relief = 1 + 0.45 * fractal(seed + 11 + round(distance_m), at, at, 0.0, 3)
@@ -180,7 +180,6 @@ def _woods(band: Backdrop, seed: int, eye_height_m: float) -> None:
             tops = height_m * relief * row * rng.uniform(0.85, 1.1, azimuth.size)
             kinds = rng.integers(len(LEAVES), size=azimuth.size)
             for turn, top_m, kind in zip(turns.tolist(), tops.tolist(), kinds.tolist(), strict=True):
-                radius_m = 0.3 * height_m
                 tree = Tree(distance_m * math.sin(turn), distance_m * math.cos(turn), top_m, 0.0, 0.0, LEAVES[kind], 0)
                 _ball(band, tree, 0.0, top_m - radius_m - eye_height_m, radius_m, 0.8)
 

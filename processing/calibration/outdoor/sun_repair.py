@@ -17,7 +17,8 @@ from processing.ground.arrays import Doubles
 from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
 
 _GRID = 9  # samples a side of each pixel on the disc
-TOP_RGB = (1.09, 1.0, 0.96)  # colour of the sun above the atmosphere, Rec. 709 (ASTM E490)
+TOP_RGB = (1.09, 1.0, 0.96)
+"""Colour of the sun above the atmosphere, Rec. 709; through 1.5 air masses that of ASTM G173-03, direct, to 2 %."""
 AEROSOL = (0.09, 0.10, 0.12)
 """Optical depth for red, green and blue light of usual clear air: 0.1 at 550 nm, Angstrom exponent 1.3 (Iqbal 1983)."""
 BRIGHTEST_CD_M2 = 2.1e9  # above the atmosphere: no sun is brighter (133 klx over 6.8e-5 sr, with margin)

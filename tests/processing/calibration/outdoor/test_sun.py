@@ -27,7 +27,7 @@ from processing.calibration.outdoor.sun_place import (
 from processing.calibration.outdoor.sun_repair import repair_sun
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ParameterError, SunError
-from processing.ground.colour import XYZ_OF_RGB
+from processing.ground.colour import RGB_OF_XYZ, XYZ_OF_RGB
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.sphere import LensMapping
 from tests.processing.calibration.outdoor.sky_pictures import in_cd_m2, optics_of, sky_picture, true_horizontal_lx
@@ -176,6 +176,21 @@ def test_a_repaired_sun_has_the_colour_of_its_height(elevation_deg: float, low_k
     xyz = np.asarray(XYZ_OF_RGB) @ rgb
     found_k = float(colour.temperature.xy_to_CCT(xyz[:2] / xyz.sum(), method="McCamy 1992"))
     assert low_k < found_k < high_k
+
+
+def test_a_repaired_sun_at_an_air_mass_of_1_5_has_the_colour_of_the_reference_spectrum() -> None:
+    """ASTM G173-03, direct, by the CIE 1931 observer: the sun 41.8 degrees high."""
+    import colour
+    import pvlib
+
+    image = in_cd_m2(corrected(SimpleSky(0.8, math.radians(41.8)), clip=3e5))
+    done, _ = repair_sun(image, beam=clear_beam(NOON, PITTSBURGH))
+    found = done.rgb[np.unravel_index(done.rgb[..., 1].argmax(), done.rgb.shape[:2])]
+    spectrum, waves_nm = pvlib.spectrum.get_reference_spectra()["direct"], np.arange(380, 781)
+    observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy()
+    observer = observer.align(colour.SpectralShape(380, 780, 1)).values
+    rgb = np.asarray(RGB_OF_XYZ) @ (np.interp(waves_nm, spectrum.index, spectrum) @ observer)
+    np.testing.assert_allclose(found / found[1], rgb / rgb[1], rtol=0.03)
 
 
 def test_what_cannot_be_repaired_is_refused() -> None:
