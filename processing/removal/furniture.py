@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from processing.ground.arrays import Bytes, Doubles, Flags, Floats, Indices, Int32s
 from processing.ground.seam import components, grown, resized, row_latitudes, smoothed, spanned, summed, wrapped
-from processing.removal.edges import snapped, surface_outliers
+from processing.removal.edges import SURE, colour_distance, snapped, surface_outliers
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, SurfaceMaps
 
@@ -55,6 +55,10 @@ LEAST_DOOR = 0.15
 known opening is unlike its wall, and went with the plant before it (chosen by the demo's room). Two networks' only: by
 ours alone masks of two test rooms lost 0.02 of their IoU."""
 MOSTLY_HIDDEN = 0.7  # of an opening, from which it is a part of what hides it (chosen)
+FRAME_RAD, LEAST_FRAME_PX = (
+    math.radians(4),
+    20,
+)  # as wide as a window's frame may be seen; that teaches colours (chosen)
 FITTED_LARGE, FITTED, FITTED_FOOT_RAD = 0.3, 0.55, math.radians(4.5)
 """Of the wall below a window, what is fitted there; mean probability of furniture up to which it is (a niche: 0.49;
 chairs and tables there in three rooms: 0.63 and more); above the floor, where skirting is drawn anew (chosen)."""
@@ -121,6 +125,7 @@ def find_furniture(
         soft = np.where(completed(agreed, likely, rgb8), np.maximum(soft, np.float32(0.75)), soft)
         stays = _by_segment(staying(probabilities, rgb8, maps.plane == FLOOR), soft > 0.5, rgb8)
         soft[stays] = 0
+    soft[frames_seen(soft > 0.5, prior > SURE, maps, rgb8)] = 0
     kept, dropped, dropped_sr = attached(without_skirting(soft > 0.5, maps), maps.plane == FLOOR)
     islands = islands_in(kept, (maps.opening >= 0) | stays)
     return FurnitureFound(kept | islands, np.where(islands, np.float32(1), soft), dropped, dropped_sr)
@@ -138,6 +143,18 @@ def mostly_seen(openings: Flags, mask: Flags) -> Flags:
     labels = components(openings)[1]
     size, hidden = summed(labels, 1, mask)
     return np.asarray(openings & ((size > STAYS_SR) & (hidden < MOSTLY_HIDDEN * size))[labels])
+
+
+def frames_seen(mask: Flags, sure: Flags, maps: SurfaceMaps, rgb8: Bytes) -> Flags:
+    """Return what (H, W) a ``mask`` (H, W) has of an opening's rim, if it is coloured like the rest of the opening
+    more than like what is for ``sure`` (H, W) before the wall beside it: the network's pixels are wider than frames."""
+    found = np.zeros_like(mask)
+    for number in np.unique(maps.opening[maps.opening >= 0]):
+        pane = maps.opening == number
+        seen, hidden, beside = pane & ~mask, pane & mask, grown(pane, FRAME_RAD) & ~pane & sure
+        if seen.sum() > hidden.sum() and min(part.sum() for part in (seen, hidden, beside)) >= LEAST_FRAME_PX:
+            found |= hidden & grown(seen, FRAME_RAD) & (colour_distance(rgb8, seen) < colour_distance(rgb8, beside))
+    return found
 
 
 def fitted_below_windows(mask: Flags, probability: Floats, maps: SurfaceMaps) -> Flags:

@@ -32,6 +32,7 @@ SEEN, CONTINUED, SYNTHESISED = 0, 1, 2
 SURE = 0.35  # confidence under which what was filled is called synthesised
 
 
+LAG = 6  # of the columns of a frame, by which two are apart that are compared (chosen)
 BESIDE_WINDOW_M = 0.25  # where edges are its frame's and its reveal's (chosen by looking at two real rooms)
 STRIP_M, STRIP_PX = 0.25, 3.0  # beside the hole, of which a column's tone is the mean; at least (chosen)
 COLUMNS_SEEN = 0.1  # of those of a row and the one above it, from which they say how columns change there (chosen)
@@ -178,15 +179,15 @@ def _seen_of_frame(region: Flags, known: Flags, texture: Texture) -> Flags:
 def _wall_beside(tone: Floats, known: Flags, rows: Indices, columns: Indices, wide: int) -> int:
     """Return how many of a region's columns, up to so many, are seen as the wall before the first one, row by row.
 
-    ``tone``, ``known`` (H, W); ``columns`` (n,) from the wall on."""
-    step = int(columns[-1] > columns[0]) * 2 - 1
-    outside = columns[0] - step * np.arange(1, wide + 1)
-    outside = outside[(outside >= 0) & (outside < known.shape[1])]
-    at, inner = np.ix_(rows, outside), np.ix_(rows, columns[:wide])
-    count = known[at].sum(axis=1)
-    wall = np.where(known[at], tone[at], 0).sum(axis=1) / np.maximum(count, 1)
-    both = known[inner] & (count > len(outside) / 2)[:, None]
-    apart = (np.abs(tone[inner] - wall[:, None]) * both).sum(axis=0) / np.maximum(both.sum(axis=0), 1)
+    ``tone``, ``known`` (H, W); ``columns`` (n,) from the wall on. Walls get brighter towards a bright pane, step by
+    step, so a column is compared with one a little before it."""
+    step, lag = int(columns[-1] > columns[0]) * 2 - 1, max(1, wide // LAG)
+    at = columns[0] + step * np.arange(-lag, min(wide, len(columns)))
+    if at.min() < 0 or at.max() >= tone.shape[1]:
+        return 0
+    shown, seen = tone[np.ix_(rows, at)], known[np.ix_(rows, at)]
+    both = seen[:, lag:] & seen[:, :-lag]
+    apart = (np.abs(shown[:, lag:] - shown[:, :-lag]) * both).sum(axis=0) / np.maximum(both.sum(axis=0), 1)
     alike = (apart < UNLIKE / 2) & (both.sum(axis=0) > RAIL_SEEN * len(rows))
     return int(np.append(~alike, True).argmax())
 

@@ -12,7 +12,7 @@ import pytest
 from processing.ground.arrays import Flags
 from processing.ground.seam import grown, resized, summed
 from processing.pictures.preview import preview_rgb8
-from processing.removal.furniture import doors_in, fitted_below_windows, mostly_seen
+from processing.removal.furniture import doors_in, fitted_below_windows, frames_seen, mostly_seen
 from processing.removal.masks import Masks, _next_floor, find_masks
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import FIRST_WALL, FLOOR
@@ -93,6 +93,28 @@ def test_a_door_that_furniture_has_most_of_is_a_wardrobes_and_specks_are_none() 
     wardrobe, sofa = none(), none()
     wardrobe[90:160, 90:128], sofa[140:170, 280:350] = True, True
     np.testing.assert_array_equal(mostly_seen(door | other | speck, wardrobe | sofa), other)
+
+
+@pytest.mark.parametrize("white", [False, True])
+def test_a_frame_seen_beside_a_wardrobe_stays_unless_the_wardrobe_is_as_white(white: bool) -> None:
+    """The network's pixels are wider than a frame: it takes the frame for a part of the wardrobe."""
+    maps = replace(bare().maps, opening=np.roll(bare().maps.opening, 256, axis=1))  # away from the seam
+    pane = maps.opening == 0
+    rows, columns = (np.flatnonzero(pane.any(axis=axis)) for axis in (1, 0))
+    frame = pane.copy()
+    frame[rows[3] : rows[-3], columns[3] : columns[-3]] = False
+    wardrobe, mask = none(), none()
+    wardrobe[rows[0] - 5 :, columns[-1] + 1 : columns[-1] + 20] = True
+    mask[rows[0] - 5 :, columns[-5] : columns[-1] + 20] = True
+    shown = np.full((*pane.shape, 3), (150, 130, 110), np.uint8)
+    shown[pane], shown[frame], shown[wardrobe] = (110, 160, 230), 235, 235 if white else (70, 50, 40)
+    seen = frames_seen(mask, wardrobe, maps, shown)
+    assert not seen[~(mask & pane)].any()
+    hidden = mask & frame & (np.arange(pane.shape[1]) > columns[-3])
+    assert seen[hidden].mean() == pytest.approx(0.0 if white else 1.0, abs=0.3)
+    assert not frames_seen(mask | (pane & (np.arange(pane.shape[1]) > columns[5])), wardrobe, maps, shown).any(), (
+        "hidden"
+    )
 
 
 @pytest.mark.parametrize(("top", "kept"), [(135, True), (147, False)])

@@ -303,6 +303,17 @@ def test_a_window_whose_lower_frame_a_mask_cuts_raggedly_keeps_its_frame_and_not
     np.testing.assert_allclose(done[70:84, 121:160], np.broadcast_to(seen[69, 121:160], (14, 39, 3)), rtol=0.05)
 
 
+def test_a_wall_that_gets_brighter_towards_a_pane_is_no_frame() -> None:
+    region, known = np.zeros((100, 160), bool), np.ones((100, 160), bool)
+    region[20:80, 20:140] = True  # at 100 px/m: its frame begins 6 columns within it
+    known[:, 120:] = False  # a wardrobe before its end
+    wall = 0.4 * np.exp(0.15 * np.clip((np.arange(160) - 12) / 14, 0, 1))  # as bright as half an edge, over 14 cm
+    values = np.repeat(np.where(region & (np.abs(np.arange(160) - 79.5) < 54), 1.0, wall)[..., None], 3, axis=2)
+    texture = Texture(planes_of(ROOM)[FIRST_WALL], 100.0, values.astype(np.float32), known, known * 1.0)
+    found = _seen_of_frame(region, known, texture)
+    assert np.flatnonzero(found.any(axis=0)).tolist() == list(range(26, 134)), "the hidden side is as wide"
+
+
 def test_an_opening_narrower_than_a_texel_is_wall() -> None:
     """A texture of a far wall may have no texel whose middle lies in it."""
     slit = Opening(kind=OpeningKind.WINDOW, wall=0, start_m=1.45, end_m=1.5, sill_m=1.0, head_m=1.05)
