@@ -20,7 +20,7 @@ from processing.layout.arrangement import PlacedItem
 from processing.layout.models.catalogue import Catalogue
 from processing.light.picture.beams import FAR_M, Beams, Body, Field, beams_at
 from processing.light.picture.change import MISFIT
-from processing.light.picture.edges import MOST_GAIN
+from processing.light.picture.edges import MOST_GAIN, bounded
 from processing.light.scene.scene import Outdoors, Scene
 from processing.light.solver.kernels import STEP_OFF_M
 from processing.light.solver.sight import FIRST_PART, NOTHING, Sight, albedo_of, emission_of, sight_along, sight_of
@@ -111,7 +111,6 @@ class LiveFurniture:
         self._returns, self._old_sun = back.ravel() & ~fits, self._old_sun * fits[:, None]
         old = self._old + self._old_sun
         self._dark, self._all_old = old <= 0, np.maximum(old, np.float32(1e-9))
-        self._most_gain = np.where(self._returns, np.float32(np.inf), np.float32(MOST_GAIN))[:, None]
         self._pieces: dict[tuple[Any, ...], _Piece] = {}
 
     def sunlit(self, sight: Sight) -> tuple[Field, Indices]:
@@ -156,8 +155,8 @@ class LiveFurniture:
         returned = sun[self._returns]
         np.minimum(sun, self._old_sun, out=sun)
         sun[self._returns] = returned
-        gain = np.asarray((gain + sun) / self._all_old, np.float32)
-        np.minimum(gain, self._most_gain, out=gain)
+        most = np.where(self._returns & sun.any(axis=1), np.float32(np.inf), np.float32(MOST_GAIN))
+        gain = bounded((gain + sun) / self._all_old, most[:, None])
         gain[self._dark] = 1
         return gain
 

@@ -15,7 +15,7 @@ from processing.ground.arrays import Flags, Floats, Indices, Int32s, Vector, ban
 from processing.ground.kernels import compiled, inlined
 from processing.ground.threads import side_by_side
 from processing.light.picture.coarse import Band, Nodes, add_mirrored, fill_plain, furniture_blocks, much
-from processing.light.picture.edges import MOST_GAIN, Lens, crossed_pixels, smooth_edges
+from processing.light.picture.edges import MOST_GAIN, Lens, bounded, crossed_pixels, smooth_edges
 from processing.light.picture.highlights import FEW_RAYS, Mirrors, furniture_highlights, matte_share
 from processing.light.picture.render import ROWS_AT_ONCE_PX
 from processing.light.solver.irradiance import Effort, Irradiance, gathered
@@ -136,7 +136,7 @@ def _nodes(job: _Job, rows: slice) -> Nodes:
     sun = sun_of(job.change.bare, sight, MOST_SAMPLES // 4, job.change.seed + rows.start, room)
     old, new = light[:, :3], light[:, 3:]
     usable = sight.solid & _all_three(old > 0)
-    gain = np.where(usable[:, None], np.minimum(new / np.where(usable[:, None], old, 1), MOST_GAIN), np.float32(1))
+    gain = bounded(np.where(usable[:, None], new / np.where(usable[:, None], old, 1), np.float32(1)))
     lamps = emission_of(job.change.full, sight)
     plain = room & (~sight.solid | (~missed & usable & _all_three(sun == 0) & _all_three(lamps == 0)))
     label, plain, gain = sight.label.reshape(shape), plain.reshape(shape), gain.astype(np.float32).reshape(*shape, 3)
@@ -342,9 +342,12 @@ def _gain(given, weights, photo, n, gain):  # type: ignore[no-untyped-def]
         part = given.albedo[n, c] / np.float32(math.pi)
         if part * (given.old[n, c] + (given.old_sun[n, c] if sunny else np.float32(0))) + given.emission[n, c] <= 0:
             return
+    most = new_sun = np.float32(0)
     for c in range(3):
         part = given.albedo[n, c] / np.float32(math.pi)
         above = given.new[n, c] + (given.new_sun[n, c] if sunny or returns else np.float32(0))
         below = given.old[n, c] + (given.old_sun[n, c] if sunny else np.float32(0))
-        ratio = (part * above + given.emission[n, c]) / (part * below + given.emission[n, c])
-        gain[c] = max(ratio if returns else min(ratio, np.float32(MOST_GAIN)), np.float32(0))
+        gain[c] = max((part * above + given.emission[n, c]) / (part * below + given.emission[n, c]), np.float32(0))
+        most, new_sun = max(most, gain[c]), new_sun + given.new_sun[n, c]
+    if most > MOST_GAIN and not (returns and new_sun > 0):
+        gain *= np.float32(MOST_GAIN) / most

@@ -20,12 +20,18 @@ from processing.light.solver.stage import Stage, in_parts
 from processing.light.solver.upsample import Places
 from processing.sphere import Equirectangular, pixels
 
-MOST_GAIN = 4.0  # by which new furniture may brighten a place of the room
+MOST_GAIN = 4.0  # by which new furniture may brighten a place of the room where no sun comes back; chosen
 RAYS = 8  # in each pixel of an edge
 STEP_M, SAME_M, TURNED = 0.01, 0.002, 0.9
 """Height of a step, and cosine between normals, from which two pixels of one part are an edge; height up to which a ray
 meets the face that a pixel shows."""
 NONE_MM = np.iinfo(np.uint16).max  # where no edge is: as far as no room is long
+
+
+def bounded(gain: Floats, most: Floats | float = MOST_GAIN) -> Floats:
+    """Return gains (..., 3) no channel of which is above ``most`` (..., 1), in their own colour: by channels it would
+    be another one."""
+    return np.asarray(gain * np.minimum(most / np.maximum(gain.max(axis=-1, keepdims=True), 1e-9), 1), np.float32)
 
 
 class Lens(NamedTuple):

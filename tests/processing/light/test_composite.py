@@ -12,7 +12,10 @@ import pytest
 from benchmarks.light.render_methods import ibl
 from processing.errors import MaterialError, ParameterError, SceneError
 from processing.ground.arrays import AnyArray, Flags
+from processing.light.picture.change import _WEIGHTS, _Given, _shade_all
+from processing.light.picture.coarse import Band
 from processing.light.picture.composite import Bare, changed, differential, draw, parted_sun, patches_of_sun
+from processing.light.picture.edges import MOST_GAIN, bounded
 from processing.light.picture.render import render
 from processing.light.scene.room_light import near_sun, with_sunlight
 from processing.light.scene.scene import Material, Outdoors, Part, Sun
@@ -186,6 +189,23 @@ def test_a_patch_of_sun_that_furniture_shades_in_part_falls_anew_as_a_whole() ->
         assert sunless is not None
         assert (rgb[sunny & sunless] == 1).all()
         assert np.array_equal(rgb[~sunless], photograph[~sunless])
+
+
+def test_a_place_that_gets_much_brighter_keeps_its_colour_and_only_sun_that_falls_is_without_bound() -> None:
+    """Beside a sunlit wardrobe: as seen, where removal took sun away that does not fall, where it falls."""
+    count, most = 3, np.float32((5, 8, 6))
+    ones, sun = np.ones((count, 3), np.float32), np.zeros((count, 3), np.float32)
+    sun[2] = 2
+    nothing, sunless = 0 * ones, np.array([False, True, True])
+    light, paint = (ones, most * ones, nothing, sun), (0.5 * ones, nothing, ones[:, 0].copy())
+    mirror = np.empty((count, 0), np.float32)
+    given = _Given(np.arange(count), np.zeros(count, np.int32), *light, *paint, mirror, sunless)
+    photo = np.full((1, count, 3), 100, np.float32)
+    band = Band(photo.copy(), *np.zeros((2, 1, count), bool))
+    _shade_all(given, _WEIGHTS, photo, band)
+    np.testing.assert_allclose(band.shown[0, :2], 100 * MOST_GAIN * np.stack(2 * [most / 8]), rtol=1e-5)
+    np.testing.assert_allclose(band.shown[0, 2], 100 * (most + 2), rtol=1e-5)
+    np.testing.assert_allclose(bounded(np.stack([most, most / 3])), np.stack([most / 2, most / 3]), rtol=1e-5)
 
 
 def test_ibl_lights_furniture_by_the_panorama_and_changes_nothing_else(room) -> None:
