@@ -29,8 +29,8 @@ NONE_MM = np.iinfo(np.uint16).max  # where no edge is: as far as no room is long
 
 
 def bounded(gain: Floats, most: Floats | float = MOST_GAIN) -> Floats:
-    """Return gains (..., 3) no channel of which is above ``most`` (..., 1), in their own colour: by channels it would
-    be another one."""
+    """Return gains (N, 3) or (H, W, 3), no channel above ``most`` (N, 1), in their own colour: by channels it
+    would be another one."""
     return np.asarray(gain * np.minimum(most / np.maximum(gain.max(axis=-1, keepdims=True), 1e-9), 1), np.float32)
 
 
