@@ -38,6 +38,9 @@ DAYLIGHT_SHARE = 0.65  # of the camera's own white in that of the view. Chosen b
 HIGHLIGHT_STOPS, HIGHLIGHT_EPS = 0.8, 0.2
 """Of a large highlight the most above 1, and the strength of its edges (squared stops). Chosen by looking."""
 KNEE = 0.55  # of the film: below, light is shown in proportion. Chosen by looking.
+BAR_STEP, BAR_EVEN, BAR_SET_OFF, BAR_WIDE = 0.15, 0.8, 0.6, 4
+"""Of a bar: steps of log level within a quarter of a degree, the share of its height without larger ones, the share of
+its edges with such, and its width in radii of what edges follow: two degrees. Chosen by looking at five rooms."""
 PLATEAU = 0.28  # under which nothing within the view is lowered, so that shadows out there do not turn black. Chosen
 _REACH_RAD, _EDGE_EPS, _EDGE_SHARE = math.radians(0.5), 0.02, 0.25
 """Within which a pane's edge follows the picture's (half a frame's width at 4 m), how strong an edge counts (squared
@@ -273,6 +276,29 @@ def _lower_highlights(light: Floats, reach: int, *, around: bool) -> None:
             light[top : top + _TABLED_ROWS] *= np.exp2(-base * base / (HIGHLIGHT_STOPS + base))
 
 
+def _without_bars(view: npt.NDArray[Any], glass: npt.NDArray[Any], level: Floats, reach: int) -> None:
+    """Take upright bars and frames out of a ``view`` (H, W) through ``glass`` (H, W) in place.
+
+    In daylight they are as bright and as green as what is behind them, but narrow, even from top to bottom, and set off
+    from it on both sides."""
+    lag = max(reach // 2, 1)
+    for left, top, wide, high, _ in cv2.connectedComponentsWithStats(glass.astype(np.uint8))[2][1:]:
+        box = np.s_[top : top + high, left : left + wide]
+        tone, pane = np.log(np.maximum(level[box], np.float32(1e-3))), glass[box]
+        down, along = (
+            ((np.abs(a - b) < BAR_STEP) & both).sum(axis=0) / np.maximum(both.sum(axis=0), 1)
+            for a, b, both in (
+                (tone[lag:], tone[:-lag], pane[lag:] & pane[:-lag]),
+                (tone[:, lag:], tone[:, :-lag], pane[:, lag:] & pane[:, :-lag]),
+            )
+        )
+        set_off = np.concatenate([np.ones(lag), 1 - along, np.ones(lag)])  # of a column from the one ``lag`` before it
+        for first, last in np.flatnonzero(np.diff(down > BAR_EVEN, prepend=False, append=False)).reshape(-1, 2):
+            ends = (set_off[max(one - lag // 2, 0) : one + lag + 1].max() for one in (first, last))
+            if last - first <= BAR_WIDE * reach and min(ends) > BAR_SET_OFF:
+                view[box][:, first:last] = 0
+
+
 def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, reach: int, *, around: bool) -> None:
     """Lower in place what is seen through panes by a factor, all of a view alike, and balance it for daylight.
 
@@ -293,6 +319,7 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, rea
     closed = cv2.morphologyEx((glass & view).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     beyond = cv2.floodFill(cv2.copyMakeBorder(closed, 1, 1, 1, 1, cv2.BORDER_CONSTANT), None, (0, 0), 1)[1]
     closed[beyond[1:-1, 1:-1] == 0] = 1  # shade amid a view is part of it: bars reach the pane's edge
+    _without_bars(closed, glass, level, reach)
     frame = np.zeros_like(glass) if panes.dtype == bool else (panes > 0) & (closed == 0)
     soft = (_guided(part, np.asarray(one, np.float32), reach, _EDGE_EPS, around=around) for one in (closed, frame))
     shares = [np.clip((one - _EDGE_SHARE) / (1 - 2 * _EDGE_SHARE), 0, 1) for one in soft]

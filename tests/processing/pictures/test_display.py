@@ -184,6 +184,21 @@ def test_a_frame_lit_by_sky_and_lawn_is_white_and_sharp_beside_the_view() -> Non
     assert chroma[0] < 0.5 * chroma[1]
 
 
+def test_a_bar_as_bright_and_green_as_the_view_is_a_frame_and_a_strip_of_sky_is_view() -> None:
+    rgb, panes = np.full((512, 1024, 3), 60.0, np.float32), np.zeros((512, 1024), np.uint8)
+    panes[180:300, 400:600], panes[192:288, 412:588] = 1, 2
+    trees = np.random.default_rng(7).uniform(300, 2500, (96, 176, 1)).astype(np.float32) * np.float32([0.45, 1, 0.35])
+    rgb[panes == 1], rgb[panes == 2] = np.float32([1.0, 1.15, 1.3]) * 220, trees.reshape(-1, 3)
+    rgb[192:288, 520:588] = np.float32([500, 800, 1500])  # a sky, in which nothing is set off
+    rgb[232:288:2, 524:588:6] *= 0.5  # but posts, which part it into narrow strips
+    rgb[192:288, 460:465] = np.float32([150, 300, 200]) * np.linspace(1, 2, 96, dtype=np.float32)[:, None, None]
+    display = replace(display_of(rgb, board_rgb=np.ones(3), panes=panes), matrix=tuple((0.57 / 60 * np.eye(3)).ravel()))
+    lowered = luminance_cd_m2(display.light(rgb, panes)) / luminance_cd_m2(display.light(rgb))
+    assert lowered[200:280, 462].min() > 0.5, "by half of what it is too bright at most"
+    assert np.ptp(lowered[196:230, 526:584]) < 0.02, "no stripes"
+    assert lowered[196:230, 526:584].max() < 0.5
+
+
 def test_what_is_nearly_white_is_shown_whiter_and_strong_colours_stay() -> None:
     def spread(rgb: tuple[float, float, float], scale: float = 0.4) -> tuple[float, float]:
         given = scale * np.float32([[rgb]])
