@@ -34,7 +34,7 @@ VIEW_SHARE, VIEW_LEVEL = 0.8, 0.9  # the same of what is seen through panes
 MOST_PULL_STOPS = 6.0  # a photographer's darkest exposure under the room's. Chosen.
 LEAST_VIEW = 0.9  # of the film, from which something in a pane is the view: not the room's light walls. Chosen.
 VIEW_GREEN = 1.25  # green over red from which something in a pane is the view however dark: shaded leaves. By looking
-DAYLIGHT_SHARE = 0.65  # of the camera's own white in that of the view. Chosen by looking: 1 turns window frames yellow.
+DAYLIGHT_SHARE = 0.8  # of the camera's own white in that of the view. Chosen by looking: 1 turns houses and lawns yellow.
 HIGHLIGHT_STOPS, HIGHLIGHT_EPS = 0.8, 0.2
 """Of a large highlight the most above 1, and the strength of its edges (squared stops). Chosen by looking."""
 KNEE = 0.55  # of the film: below, light is shown in proportion. Chosen by looking.
