@@ -34,7 +34,7 @@ VIEW_SHARE, VIEW_LEVEL = 0.8, 0.9  # the same of what is seen through panes
 MOST_PULL_STOPS = 6.0  # a photographer's darkest exposure under the room's. Chosen.
 LEAST_VIEW = 0.9  # of the film, from which something in a pane is the view: not the room's light walls. Chosen.
 VIEW_GREEN = 1.25  # green over red from which something in a pane is the view however dark: shaded leaves. By looking
-DAYLIGHT_SHARE = 0.8  # of the camera's own white in that of the view. Chosen by looking: 1 turns houses and lawns yellow.
+DAYLIGHT_SHARE = 0.8  # of the camera's own white in that of the view. By looking: 1 turns lawns yellow.
 HIGHLIGHT_STOPS, HIGHLIGHT_EPS = 0.8, 0.2
 """Of a large highlight the most above 1, and the strength of its edges (squared stops). Chosen by looking."""
 KNEE = 0.55  # of the film: below, light is shown in proportion. Chosen by looking.
@@ -117,10 +117,13 @@ class Display:
         """
         out, reach = self.balanced(rgb), max(2, round(_REACH_RAD / math.pi * len(rgb)) if around else len(rgb) // 150)
         if self.sky is not None:
-            bluer = np.asarray(self.sky, np.float32) - 1
+            bluer, glass = np.asarray(self.sky, np.float32) - 1, _glass(panes) if panes is not None else None
+            seen = out[glass] if glass is not None else None  # a road is as blue by the room's white
             side_by_side(
                 lambda top: skylit(out[top : top + _TABLED_ROWS], bluer, CALM), range(0, len(rgb), _TABLED_ROWS)
             )
+            if glass is not None:
+                out[glass] = seen
         if panes is not None and self.pull < 1 and panes.any():
             _pull(out, panes, self.pull, self.balanced(np.ones((1, 1, 3), np.float32))[0, 0], reach, around=around)
         _lower_highlights(out, reach, around=around)
@@ -276,6 +279,10 @@ def _lower_highlights(light: Floats, reach: int, *, around: bool) -> None:
             light[top : top + _TABLED_ROWS] *= np.exp2(-base * base / (HIGHLIGHT_STOPS + base))
 
 
+def _glass(panes: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return panes if panes.dtype == bool else panes > 1
+
+
 def _without_bars(view: npt.NDArray[Any], glass: npt.NDArray[Any], level: Floats, reach: int) -> None:
     """Take upright bars and frames out of a ``view`` (H, W) through ``glass`` (H, W) in place.
 
@@ -315,7 +322,7 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, rea
     least = max(LEAST_VIEW, math.sqrt(BRIGHT_LEVEL * VIEW_LEVEL / pull))
     view = (level > least) | (part[..., 1] > VIEW_GREEN * part[..., 0])
     panes = panes[top:bottom]
-    glass = panes if panes.dtype == bool else panes > 1
+    glass = _glass(panes)
     closed = cv2.morphologyEx((glass & view).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     beyond = cv2.floodFill(cv2.copyMakeBorder(closed, 1, 1, 1, 1, cv2.BORDER_CONSTANT), None, (0, 0), 1)[1]
     closed[beyond[1:-1, 1:-1] == 0] = 1  # shade amid a view is part of it: bars reach the pane's edge

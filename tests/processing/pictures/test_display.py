@@ -117,6 +117,7 @@ def test_white_in_the_skys_light_is_white_where_a_blue_sky_is_seen_and_blue_clot
     sky = np.array([0.78, 1.0, 1.62])
     rgb[panes] *= sky.astype(np.float32)
     lit = (3 * sky + 1) / 4
+    rgb[30:34, 50:80] = 40 * WARM * (3 * sky + 1) / 4  # of it a road, no brighter than the room
     rgb[40:50, :60], rgb[40:50, 60:] = 60 * WARM * lit, 30 * WARM * lit * [0.25, 0.45, 1.0]
     found = display_of(rgb, board_rgb=WARM, panes=panes)
     assert found.sky is not None
