@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Bytes, Doubles, Floats
+from processing.ground.arrays import Bytes, Doubles, Flags, Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS, RGB_OF_XYZ, XYZ_OF_RGB, luminance_cd_m2, srgb_decoded
 from processing.ground.seam import row_solid_angles, wrapped
 from processing.ground.threads import side_by_side
@@ -38,9 +38,10 @@ DAYLIGHT_SHARE = 0.8  # of the camera's own white in that of the view. By lookin
 HIGHLIGHT_STOPS, HIGHLIGHT_EPS = 0.8, 0.2
 """Of a large highlight the most above 1, and the strength of its edges (squared stops). Chosen by looking."""
 KNEE = 0.55  # of the film: below, light is shown in proportion. Chosen by looking.
-BAR_STEP, BAR_EVEN, BAR_SET_OFF, BAR_WIDE = 0.15, 0.8, 0.6, 4
+BAR_STEP, BAR_EVEN, BAR_SET_OFF, BAR_WIDE, STRIP_WIDE = 0.15, 0.8, 0.6, 4, 10
 """Of a bar: steps of log level within a quarter of a degree, the share of its height without larger ones, the share of
-its edges with such, and its width in radii of what edges follow: two degrees. Chosen by looking at five rooms."""
+its edges with such, and its width in radii of what edges follow: two degrees; how far a pane goes on beyond its
+estimate, in the same. Chosen by looking at five rooms."""
 PLATEAU = 0.28  # under which nothing within the view is lowered, so that shadows out there do not turn black. Chosen
 _REACH_RAD, _EDGE_EPS, _EDGE_SHARE = math.radians(0.5), 0.02, 0.25
 """Within which a pane's edge follows the picture's (half a frame's width at 4 m), how strong an edge counts (squared
@@ -116,16 +117,24 @@ class Display:
         is a whole panorama, whose left edge goes on at the right.
         """
         out, reach = self.balanced(rgb), max(2, round(_REACH_RAD / math.pi * len(rgb)) if around else len(rgb) // 150)
+        glass = None if panes is None or self.pull == 1 or not panes.any() else _glass(out, panes, reach)
         if self.sky is not None:
-            bluer, glass = np.asarray(self.sky, np.float32) - 1, _glass(panes) if panes is not None else None
+            bluer = np.asarray(self.sky, np.float32) - 1
             seen = out[glass] if glass is not None else None  # a road is as blue by the room's white
             side_by_side(
                 lambda top: skylit(out[top : top + _TABLED_ROWS], bluer, CALM), range(0, len(rgb), _TABLED_ROWS)
             )
             if glass is not None:
                 out[glass] = seen
-        if panes is not None and self.pull < 1 and panes.any():
-            _pull(out, panes, self.pull, self.balanced(np.ones((1, 1, 3), np.float32))[0, 0], reach, around=around)
+        if panes is not None and glass is not None:
+            _pull(
+                out,
+                (panes, glass),
+                self.pull,
+                self.balanced(np.ones((1, 1, 3), np.float32))[0, 0],
+                reach,
+                around=around,
+            )
         _lower_highlights(out, reach, around=around)
         side_by_side(lambda top: calm(out[top : top + _TABLED_ROWS], CALM), range(0, len(rgb), _TABLED_ROWS))
         return out
@@ -279,8 +288,23 @@ def _lower_highlights(light: Floats, reach: int, *, around: bool) -> None:
             light[top : top + _TABLED_ROWS] *= np.exp2(-base * base / (HIGHLIGHT_STOPS + base))
 
 
-def _glass(panes: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return panes if panes.dtype == bool else panes > 1
+def _glass(light: Floats, panes: npt.NDArray[Any], reach: int) -> Flags:
+    """Return the glass (H, W) of ``panes`` (H, W), out to where the picture has an upright edge if none is at a side.
+
+    Openings are estimated: a strip of the view beside one stayed as bright as it is."""
+    glass = panes if panes.dtype == bool else panes > 1
+    found, lag, most = glass.astype(np.uint8), max(reach // 2, 1), STRIP_WIDE * reach
+    for left, top, wide, high, _ in cv2.connectedComponentsWithStats(found)[2][1:]:
+        for end, step in ((left, -1), (left + wide - 1, 1)):
+            at = end + step * np.arange(-2 * lag, most + lag)
+            rows = top + np.flatnonzero(glass[top : top + high, end])
+            if at.min() < 0 or at.max() >= glass.shape[1] or not len(rows):
+                continue
+            tone = np.log(np.maximum(luminance_cd_m2(light[np.ix_(rows, at)]), np.float32(1e-3)))
+            edge = (np.abs(tone[:, lag:] - tone[:, :-lag]) > BAR_STEP).mean(axis=0) > BAR_SET_OFF
+            if not edge[: 3 * lag].any() and edge.any():
+                found[np.ix_(rows, at[2 * lag : lag + int(edge.argmax())])] = 1
+    return found > 0
 
 
 def _without_bars(view: npt.NDArray[Any], glass: npt.NDArray[Any], level: Floats, reach: int) -> None:
@@ -306,8 +330,10 @@ def _without_bars(view: npt.NDArray[Any], glass: npt.NDArray[Any], level: Floats
                 view[box][:, first:last] = 0
 
 
-def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, reach: int, *, around: bool) -> None:
-    """Lower in place what is seen through panes by a factor, all of a view alike, and balance it for daylight.
+def _pull(
+    light: Floats, windows: tuple[npt.NDArray[Any], Flags], pull: float, cast: Floats, reach: int, *, around: bool
+) -> None:
+    """Lower in place what is seen through ``windows``, panes and their glass, all of a view alike, and balance it.
 
     By the white of a room, whose light has been on floors and walls, trees are turquoise: ``cast`` (3,) is daylight's.
     A pane's mask is an estimate: of it counts what is nearer to the view's level than to the room's, and its edge
@@ -315,14 +341,13 @@ def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, cast: Floats, rea
     stay. Of a window's reveal and frame each channel is lowered by half of its stops above what the film shows in
     proportion, by half the view's at most: white paint beside a view is white, though lit by sky and lawn, with a form.
     """
-    rows = np.flatnonzero(panes.any(axis=1))
+    rows = np.flatnonzero(windows[0].any(axis=1))
     top, bottom = max(0, rows[0] // 2 * 2 - 4 * reach), min(len(light), rows[-1] // 2 * 2 + 4 * reach + 2)
     part = light[top:bottom]
     level = luminance_cd_m2(part)
     least = max(LEAST_VIEW, math.sqrt(BRIGHT_LEVEL * VIEW_LEVEL / pull))
     view = (level > least) | (part[..., 1] > VIEW_GREEN * part[..., 0])
-    panes = panes[top:bottom]
-    glass = _glass(panes)
+    panes, glass = (one[top:bottom] for one in windows)
     closed = cv2.morphologyEx((glass & view).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     beyond = cv2.floodFill(cv2.copyMakeBorder(closed, 1, 1, 1, 1, cv2.BORDER_CONSTANT), None, (0, 0), 1)[1]
     closed[beyond[1:-1, 1:-1] == 0] = 1  # shade amid a view is part of it: bars reach the pane's edge

@@ -200,6 +200,19 @@ def test_a_bar_as_bright_and_green_as_the_view_is_a_frame_and_a_strip_of_sky_is_
     assert lowered[196:230, 526:584].max() < 0.5
 
 
+def test_a_strip_of_the_view_beside_a_pane_that_was_estimated_too_narrow_is_view_and_wall_is_none() -> None:
+    rgb, panes = np.full((512, 1024, 3), 60.0, np.float32), np.zeros((512, 1024), np.uint8)
+    rgb[192:288, 412:600] = np.random.default_rng(7).uniform(900, 1100, (96, 188, 1)).astype(np.float32)
+    panes[180:300, 400:600], panes[192:288, 412:588] = 1, 2
+    display = replace(display_of(rgb, board_rgb=np.ones(3), panes=panes), matrix=tuple((0.57 / 60 * np.eye(3)).ravel()))
+    lowered = luminance_cd_m2(display.light(rgb, panes)) / luminance_cd_m2(display.light(rgb))
+    assert np.ptp(lowered[200:280, 430:594]) < 0.1
+    np.testing.assert_allclose(lowered[200:280, 606:640], 1, rtol=0.01)
+    far = np.where(np.arange(1024) > 640, 0, panes).astype(np.uint8)
+    far[192:288, 540:] = 0  # too narrow by more than openings ever are
+    assert display.light(rgb, far)[240, 580] == pytest.approx(display.light(rgb, np.minimum(far, 1))[240, 580])
+
+
 def test_what_is_nearly_white_is_shown_whiter_and_strong_colours_stay() -> None:
     def spread(rgb: tuple[float, float, float], scale: float = 0.4) -> tuple[float, float]:
         given = scale * np.float32([[rgb]])
