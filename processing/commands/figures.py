@@ -36,15 +36,13 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
       daylit figures bracket --view fisheye,equisolid,180 --cal vignetting.cal
       daylit figures bracket --view fisheye,equisolid,180 --response camera.rsp --cal vignetting.cal --cal factor.cal
     """
-    from processing.pictures.panorama import ADOBE, read_tags
+    from processing.pictures.panorama import read_tags, to_srgb
     from processing.pictures.writing import write_bytes
 
     image = _opened(file, asked)
     ends = (limits := asked["falsecolour_range"]) and numbers("--falsecolour-range", limits, 2, "lowest and highest")
     if ends and not (falsecolour and 0 < ends[0] < ends[1]):
         raise click.UsageError(f"--falsecolour-range {limits}: give --falsecolour FILE, and ends above 0 that rise")
-    if falsecolour and falsecolour.suffix.lower() not in {".png", ".jpg", ".jpeg"}:
-        raise click.UsageError(f"--falsecolour {falsecolour}: the name must end in .png or .jpg")
     found, why = _figures(image, asked)
     if file.is_dir():
         lens = replace(image.geometry, half_field_rad=image.geometry.half_field_rad - FIELD_SIGMA_RAD)  # type: ignore[arg-type, union-attr]
@@ -69,8 +67,9 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
         write_bytes(falsecolour, encoded(with_legend(false_colour(level, low, high), scale)))
     lines = [f"{name:<24} {_said(one)}" for name, one in found.items()]
     left_out = {} if image.absolute else {"glare": f"in {image.unit}; lx, cd/m2, glare need --scale or --reading"}
-    if file.is_dir() and any(read_tags(path).adobe for path in file.iterdir() if path.is_file()):
-        left_out["colour profile"] = ADOBE
+    some = image.validity[:1, :1, None].repeat(3, axis=2)  # what codes these are is no matter
+    if file.is_dir() and any(to_srgb(some, read_tags(path))[1] for path in file.iterdir() if path.is_file()):
+        left_out["colour profile"] = "not sRGB's, and not applied: strong colours are somewhat off"
     facts = {"ok": True, "file": file.name, "unit": image.unit, "figures": found, "left_out": left_out}
     left_out |= why
     return answer(facts, [*lines, *(f"{name}: {text}" for name, text in left_out.items())], as_json=as_json)

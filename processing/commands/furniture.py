@@ -71,6 +71,8 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
     from processing.relighting.model_pictures import model_sheet, two_sides
 
     found = _catalogue(where["catalogue"], where["style"])
+    if model is None and size is not None:
+        raise click.UsageError("--size is a single model's: name one")
     if model is None:
         models = [found.mesh(entry.model_id) for entry in found.entries]
         picture, name = model_sheet(models, 260), "furniture"

@@ -21,7 +21,7 @@ from processing.calibration.response.shutter import camera_rule, true_time_s
 from processing.calibration.scale.photometry import PLANES, illuminances_lx, luminance_map
 from processing.calibration.scale.veiling_glare import kernel_modes, unmeasured_modes
 from processing.calibration.scale.vignetting import COPY_SIGMA
-from processing.errors import BracketError, ParameterError, PictureFileError, ScaleError
+from processing.errors import BracketError, LensError, ParameterError, PictureFileError, ScaleError
 from processing.figures.cal import CalFile, text_of
 from processing.figures.uncertainty import QUANTILES, Figure, light_figure, statistics
 from processing.ground.arrays import Doubles
@@ -65,10 +65,11 @@ def view_geometry(view: str, width: int, height: int) -> Fisheye | Equirectangul
     try:
         kind, name, angle = view.lower().split(",")
         mapping, degrees = {"fisheye": LensMapping}[kind](name), float(angle)
-    except (ValueError, KeyError):
+        return Fisheye(width, height, mapping, min(width, height) / 2, math.radians(degrees) / 2)
+    except (ValueError, KeyError, LensError, ParameterError):
         names = ", ".join(m.value for m in LensMapping if m is not LensMapping.POLYNOMIAL)
-        raise ParameterError(f"--view {view!r}", advice=f"panorama, or fisheye,MAPPING,DEGREES ({names})") from None
-    return Fisheye(width, height, mapping, min(width, height) / 2, math.radians(degrees) / 2)
+        advice = f"panorama, or fisheye,MAPPING,DEGREES ({names}; up to 360 degrees, orthographic 180)"
+        raise ParameterError(f"--view {view!r}", advice=advice) from None
 
 
 def applied(image: LuminanceImage, files: Sequence[CalFile]) -> LuminanceImage:

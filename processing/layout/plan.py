@@ -24,6 +24,7 @@ from processing.ground.room_model import OpeningKind, RoomModel
 Points: TypeAlias = Sequence[Sequence[float]] | Doubles  # corners as (N, 2) metres
 TOUCHING_M = 1e-9  # edges nearer than this touch (chosen: rounding of coordinates in metres)
 SAME_POINT_M = 1e-4  # corners nearer than this are one corner
+MOST_ACROSS_M = 200.0  # of a floor: as a room's (chosen: what a search holds in memory grows with the area)
 Hinge: TypeAlias = Literal["left", "right", "unknown"]  # where a door hangs, seen from inside the room looking at it
 Swing: TypeAlias = Literal["in", "out", "sliding", "unknown"]
 
@@ -58,8 +59,9 @@ def repaired_ring(points: Points, *, where: str, clockwise: bool = False) -> Rep
         raise PlanError("the corners are not pairs of numbers", where=where) from None
     if ring.ndim != 2 or ring.shape[1:] != (2,) or not np.isfinite(ring).all():
         raise PlanError("the corners are not pairs of finite numbers", where=where)
-    if len(ring) and np.abs(ring).max() > 1e4:
-        raise PlanError("a corner lies more than 10 km away", where=where, likely="units that are not metres")
+    if len(ring) and (np.ptp(ring, axis=0).max() > MOST_ACROSS_M or np.abs(ring).max() > 1e4):
+        text = f"it is over {MOST_ACROSS_M:g} m across, or a corner over 10 km away"
+        raise PlanError(text, where=where, likely="units that are not metres")
     kept, notes = _without_repeats(ring)
     edge_from = tuple(kept)
     ring = ring[kept]

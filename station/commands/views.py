@@ -6,7 +6,7 @@ import json
 import math
 import os
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from datetime import date
 from functools import cache
@@ -21,12 +21,16 @@ from station.capture.events import CaptureEvent, EventKind
 
 
 class _Place(click.Path):
-    """A path, but of a pipe: what is read from one may never come."""
+    """A path, but of a pipe or a device: what is read may never come or end, what is written would take its place."""
+
+    suffixes: Sequence[str] = ()  # what a name must end in, where there are any
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         with suppress(OSError):
-            if Path(value).is_fifo():
-                self.fail(f"{os.fspath(value)!r} is a pipe: give a file", param, ctx)
+            if (path := Path(value)).exists() and not (path.is_file() or path.is_dir()):
+                self.fail(f"{str(path)!r} is a {'pipe' if path.is_fifo() else 'device'}: give a file", param, ctx)
+        if self.suffixes and Path(value).suffix.lower() not in self.suffixes:
+            self.fail(f"{os.fspath(value)!r}: the name must end in {' or '.join(self.suffixes)}", param, ctx)
         return super().convert(value, param, ctx)
 
 
@@ -76,7 +80,7 @@ def _for_results(ctx: click.Context, param: click.Parameter, path: Path | None) 
 
 
 def parameter(flags: str, row: Mapping[str, Any]) -> click.Parameter:
-    """Return what a row says: an option, or without dashes an argument; ``kind`` and ``choices``: what it takes."""
+    """Return what a row says: an option, or without dashes an argument, of a ``kind`` (or suffixes), or ``choices``."""
     kind, choices, ends = row.get("kind"), row.get("choices"), ("min", "max", "min_open")
     given = {key: value for key, value in row.items() if key not in ("kind", "choices", *ends)}
     given |= {"callback": _for_results} if flags.startswith("--into") else {}
@@ -85,6 +89,9 @@ def parameter(flags: str, row: Mapping[str, Any]) -> click.Parameter:
     elif kind in ("number", "whole number"):
         found = {end: row[end] for end in ends if end in row}
         given["type"] = (Number if kind == "number" else click.IntRange)(**found)
+    elif isinstance(kind, list):
+        given["type"] = named = _Place(path_type=Path, dir_okay=False)
+        named.suffixes = kind
     elif kind:
         given["type"] = _KINDS[kind]
     return (click.Option if flags.startswith("-") else click.Argument)(flags.split(), **given)

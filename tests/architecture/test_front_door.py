@@ -95,11 +95,14 @@ def test_internal_error_leaves_a_report_without_personal_paths(
 
 
 @pytest.mark.parametrize(
-    "words",
-    [["furniture", "export", "armchair/classic", "--into"], ["furniture", "show", "armchair/classic", "--into"]],
+    ("words", "name"),
+    [
+        (["furniture", "export", "armchair/classic", "--into"], "full.glb"),
+        (["furniture", "show", "armchair/classic", "--into"], "full.png"),
+    ],
 )
 def test_a_disk_that_is_full_is_said_to_be(
-    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    words: list[str], name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Python's own writing names no file in its error; and no file that is cut off is left."""
 
@@ -108,9 +111,9 @@ def test_a_disk_that_is_full_is_said_to_be(
 
     monkeypatch.setattr(durable.os_calls, "fsync", fsync)
     monkeypatch.setattr(model_pictures, "two_sides", lambda _: Image.new("RGB", (8, 8)))  # what is drawn is no matter
-    assert daylit.main([*words, str(tmp_path / "full.png"), "--json"]) == 6
+    assert daylit.main([*words, str(tmp_path / name), "--json"]) == 6
     found = json.loads(capsys.readouterr().out)["error"]
-    assert (found["code"], found["where"]) == ("RES-001", str(tmp_path / "full.png"))
+    assert (found["code"], found["where"]) == ("RES-001", str(tmp_path / name))
     assert not list(tmp_path.iterdir())
 
 
@@ -126,19 +129,19 @@ def test_a_full_disk_that_no_command_expects_is_no_internal_error(
 
 
 @pytest.mark.parametrize(
-    "words",
+    ("words", "name"),
     [
-        ["furniture", "export", "armchair/classic", "--into"],
-        pytest.param(["furniture", "show", "armchair/classic", "--into"], marks=pytest.mark.long),
-        ["doctor", "--write-rig"],
-        ["import", "nothing.zip", "--into"],
+        (["furniture", "export", "armchair/classic", "--into"], "x.glb"),
+        pytest.param(["furniture", "show", "armchair/classic", "--into"], "x.png", marks=pytest.mark.long),
+        (["doctor", "--write-rig"], "x.toml"),
+        (["import", "nothing.zip", "--into"], "x"),
     ],
 )
 def test_what_cannot_be_written_is_the_computers_fault_not_ours(
-    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: list[str], name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Exit code 6 with the file's name, whichever command it is; no crash report."""
     (tmp_path / "file").write_text("no folder")
-    assert daylit.main([*words, str(tmp_path / "file" / "x.png"), "--json"]) == 6
+    assert daylit.main([*words, str(tmp_path / "file" / name), "--json"]) == 6
     found = json.loads(capsys.readouterr().out)["error"]
-    assert (found["code"], found["where"]) == ("RES-002", str(tmp_path / "file" / "x.png"))
+    assert (found["code"], found["where"]) == ("RES-002", str(tmp_path / "file" / name))

@@ -117,6 +117,28 @@ def test_a_pipe_is_refused_rather_than_waited_for(ran: Ran, tmp_path: Path) -> N
     assert code != 2, "a name that is too long is refused where it is opened"
 
 
+def test_results_replace_neither_a_device_nor_a_file_of_another_kind(ran: Ran, tmp_path: Path) -> None:
+    (tmp_path / "null").symlink_to(os.devnull)
+    (tmp_path / "p.hdr").write_bytes(b"a picture")
+    (tmp_path / "rig.toml").write_text("a rig")
+    for words, says in (
+        (("figures", "p.hdr", "--csv", "null"), "'null' is a device"),
+        (("inspect", "null"), "'null' is a device"),
+        (("figures", "p.hdr", "--csv", "p.hdr"), "must end in .csv"),
+        (("figures", "p.hdr", "--falsecolour", "p.webp"), "must end in .png"),
+        (("furniture", "show", "sofa/classic", "--into", "sofa.jpg"), "must end in .png"),
+        (("furniture", "export", "a.json", "--into", "a.json"), "must end in .glb"),
+        (("rig", "calibrate", ".", "--into", "rig.toml"), "must end in .json"),
+        (("furniture", "show", "--size", "1,1,1"), "--size"),
+    ):
+        code, said = ran(*words)
+        assert code == 2, words
+        assert says in said
+    assert (tmp_path / "null").is_symlink()
+    assert (tmp_path / "p.hdr").read_bytes() == b"a picture"
+    assert (tmp_path / "rig.toml").read_text() == "a rig"
+
+
 def test_one_folder_is_not_room_and_sky(ran: Ran, tmp_path: Path) -> None:
     (tmp_path / "frames").mkdir()
     code, said = ran("import", "x", "--indoor", "frames", "--outdoor", "frames/")

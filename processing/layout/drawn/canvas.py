@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Point: TypeAlias = tuple[float, float]
 INCHES_PER_M = 100 / 96  # an SVG has 96 pixels an inch: 100 a metre
-PNG_PX_PER_M = 110  # chosen: a room of 8 m fits a screen
+PNG_PX_PER_M, MOST_PNG_PX = 110, 8000  # chosen: a room of 8 m fits a screen, every program opens a hall's picture
 POINTS_PER_M = 72 * INCHES_PER_M
 HALO = "#fdfcfa"
 """Colour around letters, so that they are read on top of lines."""
@@ -92,7 +92,8 @@ def write_sheet(sheet: Sheet, stem: Path) -> list[Path]:
             _draw(axes, shape, depth)
         vector, raster = stem.with_suffix(".svg"), stem.with_suffix(".png")
         write_whole(vector, lambda part: figure.savefig(part, metadata={"Date": None}))
-        write_whole(raster, lambda part: figure.savefig(part, dpi=PNG_PX_PER_M / INCHES_PER_M))
+        px_per_m = min(PNG_PX_PER_M, MOST_PNG_PX / max(width_m, height_m))
+        write_whole(raster, lambda part: figure.savefig(part, dpi=px_per_m / INCHES_PER_M))
     return [vector, raster]
 
 

@@ -146,14 +146,14 @@ class Floor:
         return frames
 
     def _directions(self) -> list[float]:
-        """Return the room's main directions in radians, 0 to pi/2, the one with the longest walls first."""
+        """Return the room's main directions, radians, 0 to pi/2, longest walls first; of a round room its axes."""
         totals: dict[int, tuple[float, float]] = {}
         for _, _, ux, uy, length_m, _ in self.wall_lines.tolist():
             angle = math.atan2(uy, ux) % (np.pi / 2)
             key = round(math.degrees(angle) * 2) % 180
             total, first = totals.get(key, (0.0, angle))
             totals[key] = (total + length_m, first)
-        return [angle for _, angle in sorted(totals.values(), key=lambda pair: -pair[0])[:MOST_DIRECTIONS]]
+        return [angle for _, angle in sorted(totals.values(), key=lambda pair: -pair[0])[:MOST_DIRECTIONS]] or [0.0]
 
 
 def _offsets(levels: Doubles, depth_m: float) -> Doubles:

@@ -28,6 +28,7 @@ from processing.pictures.radiance import write_radiance_hdr
 from processing.sphere import Fisheye, LensMapping, Perspective, directions
 from station.session import durable
 from tests.processing.pictures.picture_strategies import luminance_image
+from tests.processing.pictures.test_picture_panorama import ADOBE_XYZ, profile
 
 FISHEYE = ("--view", "fisheye,equidistant,180")
 
@@ -163,8 +164,8 @@ def test_tables_go_where_there_is_a_folder(tmp_path: Path, capsys: pytest.Captur
         "bound",
     ]
     assert colours.read_bytes().startswith(b"\x89PNG")
-    for option in ("--csv", "--falsecolour"):
-        found = error(capsys, path, option, str(tmp_path / "no" / "x.png"))
+    for option, name in (("--csv", "x.csv"), ("--falsecolour", "x.png")):
+        found = error(capsys, path, option, str(tmp_path / "no" / name))
         assert found["code"] == "RES-002"
         assert "folder does not exist" in found["likely"]
 
@@ -348,11 +349,12 @@ def test_a_speed_beyond_its_field_is_not_known(tmp_path: Path) -> None:
         taken_frames(frames(tmp_path / "fast", iso=65535))
 
 
-def test_frames_in_adobe_rgb_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_frames_in_other_colours_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As the import does: their numbers are taken as sRGB."""
     x, y = np.meshgrid(np.linspace(-1.2, 1.2, 240), np.linspace(-1.2, 1.2, 240))
     cells = np.repeat(np.repeat(2 ** np.random.default_rng(5).uniform(0, 9, (20, 20)), 12, 0), 12, 1)
-    for name in ("srgb", "adobe"):
+    profiles = {"srgb": None, "adobe": None, "profile": profile("Adobe RGB (1998)", ADOBE_XYZ, 2.2)}
+    for name, own in profiles.items():
         (tmp_path / name).mkdir()
         for k in range(7):
             shown = srgb_of_linear(np.minimum(np.where(np.hypot(x, y) < 1, cells, 0) * 4.0**-k * 0.02, 1))
@@ -360,9 +362,12 @@ def test_frames_in_adobe_rgb_are_noted(tmp_path: Path, capsys: pytest.CaptureFix
             exif.get_ifd(0x8769).update({0x829A: IFDRational(1, 4**k), 0x829D: IFDRational(28, 10), 0x8827: 100})
             if name == "adobe":
                 exif.get_ifd(0x8769)[0xA005] = {1: "R03"}
-            Image.fromarray(shown).convert("RGB").save(tmp_path / name / f"{k}.jpg", exif=exif, quality=97)
-    code, answer = said(capsys, str(tmp_path / "adobe"), "--view", "fisheye,equidistant,180")
-    assert code == 0
-    assert "Adobe RGB" in answer["left_out"]["colour profile"]
+            Image.fromarray(shown).convert("RGB").save(
+                tmp_path / name / f"{k}.jpg", exif=exif, quality=97, icc_profile=own
+            )
+    for name in ("adobe", "profile"):
+        code, answer = said(capsys, str(tmp_path / name), "--view", "fisheye,equidistant,180")
+        assert code == 0
+        assert "not sRGB's" in answer["left_out"]["colour profile"]
     left_out = said(capsys, str(tmp_path / "srgb"), "--view", "fisheye,equidistant,180")[1]["left_out"]
     assert left_out.keys() == {"movement"}

@@ -68,8 +68,12 @@ def test_views_are_checked() -> None:
         "fisheye,equisolid,x",
         "eye,equisolid,180",
         "fisheye,equisolid,180,2",
+        "fisheye,equisolid,400",
+        "fisheye,orthographic,200",
+        "fisheye,equidistant,nan",
+        "fisheye,polynomial,180",
     ):
-        with pytest.raises(ParameterError):
+        with pytest.raises(ParameterError, match="--view"):
             view_geometry(wrong, 64, 64)
 
 

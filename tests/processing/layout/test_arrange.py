@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from benchmarks.layout.raster import Raster
 from benchmarks.layout.rooms import KINDS, generated
@@ -19,7 +20,7 @@ from processing.ground.room_model import RoomModel, starter_room, write_room
 from processing.layout.arrange import TIE, arrange
 from processing.layout.arrangement import Arrangement, Arrangements, read_arrangements
 from processing.layout.assumed import hung_things, open_doors
-from processing.layout.drawn.canvas import Text
+from processing.layout.drawn.canvas import Sheet, Text, write_sheet
 from processing.layout.drawn.drawing import ROUTE, floor_plan, plan_sheet, write_drawings
 from processing.layout.given_places import Place, parse_pins, placed_by_ratios
 from processing.layout.items import KINDS as ITEMS
@@ -405,6 +406,19 @@ def test_a_floor_plan_is_level_and_says_nothing_of_rules() -> None:
     ]
     assert drawn
     assert not [shape for shape in level.shapes if getattr(shape, "stroke", "") == ROUTE]
+
+
+def test_a_round_room_has_free_places_though_no_wall_is_long_enough_for_any() -> None:
+    turns = np.linspace(0, 2 * math.pi, 100, endpoint=False)
+    plan = make_plan(np.stack([3 * np.cos(turns), 3 * np.sin(turns)], axis=1).tolist(), doors=[Door(50, 0.0, 0.188)])
+    found = arrange(plan, parse_items("coffee table"), "standard", n=1).arrangements[0]
+    assert [item.category for item in found.items] == ["coffee table"]
+
+
+def test_a_halls_drawing_is_no_larger_than_programs_open(tmp_path: Path) -> None:
+    _, raster = write_sheet(Sheet([], (0.0, 0.0), (200.0, 2.0)), tmp_path / "hall")
+    with Image.open(raster) as picture:
+        assert picture.size == (8000, 80)
 
 
 def test_a_users_rules(tmp_path: Path) -> None:

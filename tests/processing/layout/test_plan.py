@@ -41,7 +41,9 @@ def test_repeated_and_closing_points_are_left_out_and_said() -> None:
         ([[0, 0], [4, 0], [4, float("nan")]], "finite"),
         ([[0, 0], [4, 0], [4, 3], [4, 1], [0, 3]], "crosses or touches"),
         ([[0, 0], [4, 0, 1]], "pairs"),
-        ([[0, 0], [40000, 0], [4, 3]], "10 km"),
+        ([[0, 0], [40000, 0], [4, 3]], "over 10 km"),
+        ([[20000, 0], [20004, 0], [20004, 3]], "over 10 km"),
+        ([[0, 0], [4000, 0], [4000, 3000], [0, 3000]], "over 200 m across"),
     ],
 )
 def test_polygons_that_cannot_be_repaired_are_refused(polygon: list[list[float]], result: str) -> None:
