@@ -322,5 +322,6 @@ def make_app(folder: Path, door: Door) -> Starlette:
         Route(base + "/files/{path:path}", studio.file),
         Route(base + "/correction/{what:str}", studio.correction, methods=["GET", "PUT", "DELETE"]),
     ]
-    errors: dict[Any, Any] = dict.fromkeys((DaylitError, OSError, ValueError, KeyError, TypeError), _error_answer)
+    unfit = (DaylitError, OSError, ValueError, LookupError, TypeError, AttributeError)
+    errors: dict[Any, Any] = dict.fromkeys(unfit, _error_answer)
     return Starlette(routes=routes, middleware=[Middleware(Guard, door=door)], exception_handlers=errors)

@@ -90,9 +90,8 @@ def moved(session: Path, places: Mapping[str, Any]) -> Arrangements:
     A piece that has no place is left out; metres and radians of the room's frame; a design is a name of `designs`.
     """
     data, _ = current(session, ARRANGEMENT)
-    if not data:
+    if not data or not (found := Arrangements.model_validate_json(data)).arrangements:
         raise ParameterError("no arrangement yet", where=session.name, advice="run daylit process until arrange")
-    found = Arrangements.model_validate_json(data)
     first = found.arrangements[0]
     try:
         items = []

@@ -10,8 +10,12 @@ from typing import Any
 
 import pytest
 
+from processing.layout.arrange import arrange
+from processing.layout.items import parse_items
+from processing.running.corrections import ARRANGEMENT, ESTIMATED
 from studio import programs
 from studio.server import COOKIE, Door, make_app
+from tests.processing.layout.test_arrange import ROOM
 from tests.station.session.sessions import complete_session
 
 
@@ -43,7 +47,7 @@ async def asked(folder: Path, method: str, path: str, body: bytes) -> tuple[int,
     return sent[0]["status"], b"".join(one.get("body", b"") for one in sent[1:])
 
 
-OTHER = [(what, body) for what in ("run", "judge", "live/light") for body in (b"5", b"[]", b"null", b'"x"')]
+OTHER = [(what, body) for what in ("run", "judge", "live/light") for body in (b"5", b"[]", b"null", b'"places"')]
 
 
 @pytest.mark.parametrize(("what", "body"), [*OTHER, ("run", b'{"until": ["merge"], "quality": "draft"}')])
@@ -53,6 +57,16 @@ def test_json_of_another_type_is_a_bad_request(tmp_path: Path, what: str, body: 
     status, answer = asyncio.run(asked(session.parent, "POST", path, body))
     assert status == 400
     assert json.loads(answer)["error"]["message"]
+
+
+def test_nothing_is_moved_where_nothing_was_placed(tmp_path: Path) -> None:
+    session = complete_session(tmp_path / "sessions")
+    (session / "stages" / "arrange").mkdir(parents=True)
+    found = arrange(ROOM, parse_items("desk"), "standard", n=1)
+    found.model_copy(update={"arrangements": ()}).write(session / ESTIMATED[ARRANGEMENT])
+    status, answer = asyncio.run(asked(session.parent, "POST", f"/api/sessions/{session.name}/judge", b"{}"))
+    assert status == 400
+    assert "no arrangement yet" in json.loads(answer)["error"]["message"]
 
 
 @pytest.mark.parametrize("inner", ["files/" + "a" * 5000, "files/\0", "files/room/" + "b/" * 3000])

@@ -14,7 +14,7 @@ type Places = Record<string, Pose>;
 
 const TURN = Math.PI / 12;
 const SNAP_RAD = 0.07;
-const read = async (answer: Response): Promise<Piece[]> => ((await answer.json()) as Arranged).arrangements[0]!.items;
+const read = async (answer: Response): Promise<Piece[]> => ((await answer.json()) as Arranged).arrangements[0]?.items ?? [];
 const placesOf = (pieces: Piece[]): Places => Object.fromEntries(pieces.map((one) => [one.id, [one.t_m[0], one.t_m[1], one.theta_rad, one.model]]));
 const named = (text: string): string => text.replaceAll("-", " ");
 /** Beyond this to the side, degrees, a piece that is chosen is turned to. */
