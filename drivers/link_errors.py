@@ -48,7 +48,9 @@ def open_error(error: Exception, name: str) -> errors.DeviceError:
     if number in (errno.EACCES, errno.EPERM):
         advice = "install the udev rule, or join the group dialout and log in again"
         return errors.DevicePermissionError("the system refuses the port", where=name, advice=advice)
-    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or "could not open port" in text:
+    # pyserial says so, without a number, of what is there and no serial port
+    no_port = "could not open port" in text or f"({errno.ENOTTY}, " in text
+    if no_port or number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return errors.DeviceNotFoundError("no such port", where=name, advice="daylit doctor lists the ports")
     return errors.DeviceLostError(f"the port does not open: {text}", where=name, advice="plug it in again")
 

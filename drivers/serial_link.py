@@ -206,19 +206,19 @@ class SerialLink:
 
 def _refuse_parity_errors(port: serial.Serial) -> None:
     """Let a byte with a wrong parity bit arrive as NUL, which no dialect accepts; pyserial lets it through as it is."""
-    if sys.platform == "win32" or port.fd is None or port.parity == serial.PARITY_NONE:
+    if sys.platform == "win32" or (fd := getattr(port, "fd", None)) is None or port.parity == serial.PARITY_NONE:
         return
-    attributes = termios.tcgetattr(port.fd)
+    attributes = termios.tcgetattr(fd)
     attributes[0] = (attributes[0] | termios.INPCK) & ~(termios.IGNPAR | termios.PARMRK | termios.ISTRIP)
-    termios.tcsetattr(port.fd, termios.TCSANOW, attributes)
+    termios.tcsetattr(fd, termios.TCSANOW, attributes)
 
 
 def _keep_others_out(port: serial.Serial, *, keep: bool) -> None:
     """Let the system refuse the port to others (ModemManager does not look at pyserial's lock)."""
-    if sys.platform == "win32" or port.fd is None:  # on Windows a port belongs to one anyway
+    if sys.platform == "win32" or (fd := getattr(port, "fd", None)) is None:  # on Windows a port belongs to one anyway
         return
     with suppress(OSError):  # a line that cannot do this works all the same
-        fcntl.ioctl(port.fd, termios.TIOCEXCL if keep else termios.TIOCNXCL)
+        fcntl.ioctl(fd, termios.TIOCEXCL if keep else termios.TIOCNXCL)
 
 
 def list_ports() -> list[PortInfo]:
@@ -296,5 +296,5 @@ def find_port(usb_ids: Collection[tuple[int, int]], *, ports: Callable[[], list[
         return found[0].stable_name
     what = "no meter" if not found else f"{len(found)} meters ({', '.join(p.device for p in found)})"
     likely = "it is off, or it sits on an RS-232 adapter that does not show what is behind it"
-    advice = 'name the port in the rig: [meter] port = "/dev/ttyUSB0"'
+    advice = 'name the port: --port, or in the rig [meter] port = "/dev/ttyUSB0"'
     raise DeviceNotFoundError(f"{what} among the serial ports", where="meter", likely=likely, advice=advice)

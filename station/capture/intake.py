@@ -38,13 +38,16 @@ def record_reading(when: When, reading: MeterReading) -> ReadingRecord:
     return ReadingRecord(when=when, **(vars(reading) | texts))
 
 
-def check_typed(luminance_cd_m2: float) -> None:
-    """Accept a number that a meter of the family can show; raises `UsageError` outside 0.001 .. 1e7 cd/m2."""
+def check_typed(typed_cd_m2: Sequence[float]) -> None:
+    """Accept up to two numbers that a meter of the family can show, 0.001 .. 1e7 cd/m2; raises `UsageError` else."""
+    if len(typed_cd_m2) > 2:
+        raise UsageError("give at most two readings", where="--reading", advice="before, and after")
     low, high = TYPED_RANGE_CD_M2
-    if not low <= luminance_cd_m2 <= high:
-        text = f"{luminance_cd_m2} cd/m2 is outside the meter's range"
-        advice = f"type the number on the display, in cd/m2, between {low:g} and {high:g}"
-        raise UsageError(text, where="--reading", advice=advice)
+    for luminance_cd_m2 in typed_cd_m2:
+        if not low <= luminance_cd_m2 <= high:
+            text = f"{luminance_cd_m2} cd/m2 is outside the meter's range"
+            advice = f"type the number on the display, in cd/m2, between {low:g} and {high:g}"
+            raise UsageError(text, where="--reading", advice=advice)
 
 
 def drift_frac(readings: tuple[ReadingRecord, ...]) -> float | None:
@@ -61,8 +64,7 @@ class ReadingTaker:
     """
 
     def __init__(self, rig: Rig, typed_cd_m2: tuple[float, ...]) -> None:
-        if len(typed_cd_m2) > 2:
-            raise UsageError("give at most two readings", where="--reading", advice="before, and after")
+        check_typed(typed_cd_m2)
         self._rig = rig
         self._typed, self._left_cd_m2 = tuple(typed_cd_m2), list(typed_cd_m2)
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="meter")
@@ -105,9 +107,7 @@ class ReadingTaker:
 
     def _take(self, when: When) -> ReadingRecord:
         if self._typed:
-            # A number that a person read from the display; `UsageError` where no meter of the family shows it.
             luminance_cd_m2 = self._left_cd_m2.pop(0 if when == "before" else -1)
-            check_typed(luminance_cd_m2)
             moment = self._rig.clock.utc_now(), self._rig.clock.monotonic_s()
             typed = MeterReading(ReadingStatus.TYPED, luminance_cd_m2, f"{luminance_cd_m2:g}", *moment, "typed", True)
             return record_reading(when, replace(typed, detail="typed from the display"))

@@ -40,8 +40,7 @@ def capture(**options: Any) -> int:
     from station.day.day import parse_every, parse_until
 
     _refuse_what_would_do_nothing(options)
-    for reading in options["readings"]:
-        check_typed(reading)
+    check_typed(options["readings"])
     if options["dry_run"]:
         return dry_run(_rig_file(options), options)
     if options["resume_path"]:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from station.errors import SessionNotFoundError, UsageError
 from station.frames.import_plan import JPEG_SUFFIXES, RAW_SUFFIXES, has_suffix
-from station.session.session import Side
+from station.session.session import MANIFEST_NAME, Side
 
 MAX_FOLDERS = 20_000  # chosen: the larger of the two datasets has some three hundred
 PAIR_LIMIT_MIN = 10
@@ -117,6 +117,8 @@ def _frame_folders(root: Path) -> Iterator[tuple[Path, tuple[Path, ...]]]:
     for n_folders, (where, names, entries) in enumerate(os.walk(root, onerror=refuse), 1):
         if n_folders > MAX_FOLDERS:
             raise UsageError(f"more than {MAX_FOLDERS} folders", where=str(root), advice="name a subfolder")
+        if MANIFEST_NAME in entries:  # a session of our own: its frames are imported already
+            names.clear()
         names[:] = sorted(name for name in names if not name.startswith((".", "__MACOSX")))
         files = tuple(Path(where) / name for name in sorted(entries))
         frames = tuple(path for path in files if has_suffix(path, (*JPEG_SUFFIXES, *RAW_SUFFIXES)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import subprocess
 import sys
 import termios
@@ -206,6 +207,19 @@ def test_what_the_system_says_is_typed(number: int, kind: type[Exception]) -> No
     error = open_error(OSError(number, "text"), "/dev/ttyNONE")
     assert type(error) is kind
     assert error.advice
+
+
+def test_what_is_no_serial_port_is_not_to_be_plugged_in_again() -> None:
+    with pytest.raises(DeviceNotFoundError, match="no such port"):
+        SerialLink.open(os.devnull, PortSettings(9600))
+
+
+def test_a_port_without_a_descriptor_works() -> None:
+    """As pyserial's of serial-device servers (socket://host:port)."""
+    link = SerialLink.open("loop://", PortSettings(9600, data_bits=7, parity="even"))
+    link.write(b"MES\r\n", 1.0)
+    assert link.read_line(b"\r\n", 80, 1.0) == b"MES"
+    link.close()
 
 
 def test_missing_port_is_not_found() -> None:

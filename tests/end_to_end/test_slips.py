@@ -82,6 +82,7 @@ def full(monkeypatch: pytest.MonkeyPatch) -> None:
         (("--every", "0m", "--until", "23:59"), "--every"),
         (("--every", "60m", "--until", "25:00"), "--until"),
         (("--every", "60m", "--until", "23:59", "--reading", "5"), "--reading"),
+        (("--reading", "5", "--reading", "6", "--reading", "7"), "at most two readings"),
     ],
 )
 def test_a_capture_reads_its_options_before_a_room_is_rendered(
@@ -137,6 +138,13 @@ def test_results_replace_neither_a_device_nor_a_file_of_another_kind(ran: Ran, t
     assert (tmp_path / "null").is_symlink()
     assert (tmp_path / "p.hdr").read_bytes() == b"a picture"
     assert (tmp_path / "rig.toml").read_text() == "a rig"
+
+
+def test_a_picture_that_is_not_there_is_a_slip_of_usage(ran: Ran) -> None:
+    for words in (("process", "--panorama"), ("demo", "--room")):
+        code, said = ran(*words, "nowhere.jpg")
+        assert code == 2
+        assert "'nowhere.jpg' does not exist" in said
 
 
 def test_one_folder_is_not_room_and_sky(ran: Ran, tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ def photo(tmp_path: Path) -> Path:
     [
         (["--world", "room", "--room", "{photo}"], "cannot be combined"),
         (["--sky", "{photo}"], "--sky needs --room"),
-        (["--room", "{photo}", "--sky", "sky.hdr"], "is a photograph"),
+        (["--room", "{photo}", "--sky", "{photo}"], "is a photograph"),
         (["--room", "{photo}", "--size", "half"], "needs no capture"),
         (["--room", "{photo}", "--capture-only"], "needs no capture"),
     ],

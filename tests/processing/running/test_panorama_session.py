@@ -134,8 +134,8 @@ def test_the_command_takes_a_session_or_a_panorama(
     assert daylit.main(["process"]) == 2
     assert daylit.main(["process", "x", "--panorama", str(photo)]) == 2
     assert daylit.main(["process", "x", "--into", into]) == 2
-    assert daylit.main(["process", "--panorama", str(tmp_path / "none.jpg"), "--into", into]) == 5
-    assert "PIC-001" in capsys.readouterr().err
+    assert daylit.main(["process", "--panorama", str(tmp_path / "none.jpg"), "--into", into]) == 2
+    assert "none.jpg' does not exist" in capsys.readouterr().err
     arguments = ["process", "--panorama", str(photo), "--into", into, "--until", "calibrate"]
     assert daylit.main(arguments) == 0
     assert "nothing to do" in capsys.readouterr().out

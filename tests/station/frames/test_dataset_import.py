@@ -234,8 +234,12 @@ def test_a_dry_run_names_every_bracket_with_its_folders(tmp_path: Path, capsys: 
     for name in ("pano/bath_10:00", "pano/hall_11:00", "fisheye/hall_11:01"):
         (root / name).mkdir(parents=True)
         (root / name / "R0000001.JPG").write_bytes(b"")
+    (imported := root / "sessions" / "2023-05-21T1000Z_attic" / "indoor").mkdir(parents=True)
+    (imported / "00_4s.jpg").write_bytes(b"")
+    (imported.parent / "session.json").write_text("{}")
     assert daylit.main(["import", "--dataset", str(root.parent), "--dry-run"]) == 0
     said = capsys.readouterr().out
+    assert "attic" not in said, "what was imported already is not imported again"
     assert "bath 10:00: indoor bath_10:00 (1 files)" in said
     assert "hall 11:00: indoor hall_11:00 (1 files) + outdoor hall_11:01 (1 files)" in said
 
