@@ -48,9 +48,7 @@ def open_error(error: Exception, name: str) -> errors.DeviceError:
     if number in (errno.EACCES, errno.EPERM):
         advice = "install the udev rule, or join the group dialout and log in again"
         return errors.DevicePermissionError("the system refuses the port", where=name, advice=advice)
-    # pyserial says so, without a number, of what is there and no serial port
-    no_port = "could not open port" in text or f"({errno.ENOTTY}, " in text
-    if no_port or number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or "could not open port" in text or "ioctl" in text:
         return errors.DeviceNotFoundError("no such port", where=name, advice="daylit doctor lists the ports")
     return errors.DeviceLostError(f"the port does not open: {text}", where=name, advice="plug it in again")
 

@@ -96,6 +96,8 @@ def _estimate_around(session: Path, path: Path) -> None:
     from processing.running.choices import remember
     from processing.running.room_anew import room_around
 
+    if not path.exists():
+        raise click.UsageError(f"--around: there is no {path} yet; make it with: daylit room SESSION --edit")
     write_room(path, room_around(session, read_room(path)).model_copy(update={"source": "given", "confidence": 1.0}))
     remember(session, {"room": path}, by="daylit room --around")
 

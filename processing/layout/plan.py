@@ -60,8 +60,7 @@ def repaired_ring(points: Points, *, where: str, clockwise: bool = False) -> Rep
     if ring.ndim != 2 or ring.shape[1:] != (2,) or not np.isfinite(ring).all():
         raise PlanError("the corners are not pairs of finite numbers", where=where)
     if len(ring) and (np.ptp(ring, axis=0).max() > MOST_ACROSS_M or np.abs(ring).max() > 1e4):
-        text = f"it is over {MOST_ACROSS_M:g} m across, or a corner over 10 km away"
-        raise PlanError(text, where=where, likely="units that are not metres")
+        raise PlanError(f"over {MOST_ACROSS_M:g} m across, or 10 km away", where=where, likely="not in metres")
     kept, notes = _without_repeats(ring)
     edge_from = tuple(kept)
     ring = ring[kept]

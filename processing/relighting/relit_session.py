@@ -80,8 +80,8 @@ def read_session_room(session: Path, staged: int | None, rows: int, furniture: P
     manifest = load_manifest(session)
     scene_path = stages / "materials" / "scene.npz"
     if not scene_path.is_file():
-        likely = "it was processed without furniture (--set none) and has no sun, or not far enough"
-        advice = "run: daylit process SESSION --set auto"
+        likely = "it was cleaned, or not processed so far; or without furniture (--set none), and it has no sun"
+        advice = f"run: daylit process {session}; of one without furniture with --set auto"
         raise RelightError("the session has no scene", where=session.name, likely=likely, advice=advice)
     scene = read_scene(scene_path)
     facts = _json(stages / "materials" / "materials.json")

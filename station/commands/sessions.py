@@ -149,6 +149,8 @@ def verify(session: Path, *, fast: bool, look: bool, repair: bool, as_json: bool
     from station.frames.check import FrameChecker
     from station.session.verify import repair_session, verify_session
 
+    if fast and look:
+        raise click.UsageError("--fast reads no frame: leave it out, or --look")
     if repair:
         repair_session(session)
     with FrameChecker() as checker:  # its process starts at the first frame
@@ -159,13 +161,12 @@ def verify(session: Path, *, fast: bool, look: bool, repair: bool, as_json: bool
     if not report.cut_short:
         problems = [f"{problem.file}: {problem.message} ({problem.code})" for problem in report.problems]
         lines = [*problems, *lines, *(f"missing: {missing}" for missing in report.missing)]
-    count = len(report.problems)
     if report.cut_short:
         verdict = f"interrupted; nothing saved was lost: {report.frames_safe} of {report.frames_planned} frames safe"
     elif report.intact:
         verdict = f"intact, {report.status}; {report.frames_checked} frames checked"
     else:
-        verdict = f"NOT intact: {count} problem{'s' if count > 1 else ''}; {report.frames_checked} frames checked"
+        verdict = f"NOT intact, problems: {len(report.problems)}; {report.frames_checked} frames checked"
     lines += [f"{verdict} in {session}", *(f"  what to do: {line}" for line in advice)]
     facts = {"ok": whole, **report.to_dict(), "advice": advice}
     return answer(facts, lines, as_json=as_json, exit_code=0 if whole else 4)

@@ -140,6 +140,12 @@ def test_results_replace_neither_a_device_nor_a_file_of_another_kind(ran: Ran, t
     assert (tmp_path / "rig.toml").read_text() == "a rig"
 
 
+def test_verify_does_not_look_at_frames_that_it_does_not_read(ran: Ran, session: Path) -> None:
+    code, said = ran("verify", str(session), "--fast", "--look")
+    assert code == 2
+    assert "--fast reads no frame" in said
+
+
 def test_a_picture_that_is_not_there_is_a_slip_of_usage(ran: Ran) -> None:
     for words in (("process", "--panorama"), ("demo", "--room")):
         code, said = ran(*words, "nowhere.jpg")

@@ -163,6 +163,8 @@ def test_the_starter_can_stand_but_is_no_answer(camera_height_m: float) -> None:
 def test_the_command_makes_checks_and_never_overwrites(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     session = complete_session(tmp_path)
     path = session / "room.json"
+    assert daylit.main(["room", str(session), "--around"]) == 2
+    assert "--edit" in capsys.readouterr().err
     assert daylit.main(["room", str(session), "--edit", "--json"]) == 1
     result = json.loads(capsys.readouterr().out)
     assert result["file"] == str(path)
