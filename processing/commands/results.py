@@ -86,7 +86,7 @@ def export(session: Path, what: str, into: Path | None, *, no_label: bool, as_js
     from processing.running.choices import read_choices
 
     url = read_choices(session).value(session, "original-url") or ""
-    kinds = [one.strip() for one in what.split(",") if one.strip()]
+    kinds = [*dict.fromkeys(one.strip() for one in what.split(",") if one.strip())]
     target = into or Path(f"{session.resolve().name}-export")
     plain = [one for one in kinds if one != "glare"]
     done, glare = Exported(), {}

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from drivers.camera import CameraSettings
 from station.capture.bracket import PAPER_STOPS_S, parse_shutter
 from station.errors import RigError, UsageError
-from station.session.session import MeterTarget, SafeText, Side, Site
+from station.session.session import Fraction, MeterTarget, SafeText, Side, Site
 
 MAX_RIG_BYTES = 256 * 1024
 SideKind = Literal["theta_z1", "canon_5d2"]
@@ -52,7 +52,7 @@ class CameraTable(_Table):
     """Release to shutter opening; empty: the driver's own figure."""
     lens: SafeText = ""
     nd_filter: SafeText = ""
-    image_circle: tuple[float, float, float] | None = None
+    image_circle: tuple[Fraction, Fraction, Fraction] | None = None
     """Of a fisheye: centre column, row and radius as fractions of width, height and width; what is outside is black."""
 
     @model_validator(mode="after")
@@ -127,7 +127,7 @@ class BracketTable(_Table):
 class LimitsTable(_Table):
     """``[limits]``: when preflight warns or refuses."""
 
-    min_battery_frac: Annotated[float, Field(ge=0, le=1)] = 0.15
+    min_battery_frac: Fraction = 0.15
     min_free_disk_mb: Annotated[float, Field(ge=0)] = 1000.0
     max_clock_skew_s: Annotated[float, Field(gt=0)] = 5.0
     max_drift_frac: Annotated[float, Field(gt=0)] = 0.05

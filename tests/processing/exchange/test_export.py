@@ -202,7 +202,7 @@ def test_as_a_user_meets_it(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", "")
     monkeypatch.setitem(module.write_glare_views.__kwdefaults__, "size_px", 32)
-    assert daylit.main(["export", str(session), "--what", "jpeg,glare", "--json"]) == 0
+    assert daylit.main(["export", str(session), "--what", "jpeg,glare,jpeg", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert len(found["files"]) == 4 + 8
     assert all(name.startswith(f"{session.name}-export/") for name in found["files"])

@@ -47,6 +47,11 @@ def test_example_is_the_papers_rig(tmp_path: Path) -> None:
         ("heading_deg = nan", "heading_deg"),
         ("this is not toml", "rig.toml"),
         ("[limits]\nmin_battery_frac = 2", "min_battery_frac"),
+        (
+            "[outdoor]\nkind = 'canon_5d2'\niso = 200\nf_number = 16\nsize_px = [5616, 3744]\n"
+            "image_circle = [2808, 1872, 1763]",  # pixels
+            "outdoor.image_circle.0",
+        ),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: Path, text: str, named: str) -> None:
