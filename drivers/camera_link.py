@@ -176,6 +176,7 @@ class FrameStore:
         """Delete a picture; another one that has its handle now is left alone."""
         if self.holds(frame):
             self._link.session.delete_object(frame.handle)
+            self.known.discard(frame.handle)  # cameras that make handles of file numbers use it again
 
 
 class ExpectedFrames:

@@ -38,8 +38,7 @@ def typed_error(number: int | None, message: str, where: str) -> errors.DeviceEr
 
 def open_error(error: Exception, name: str) -> errors.DeviceError:
     """Return what it means that the port ``name`` does not open."""
-    number = getattr(error, "errno", None)
-    text = str(error)
+    number, text = getattr(error, "errno", None), str(error)
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
         holder = find_holder(name)
         text = f"{holder or 'another program'} holds the port"

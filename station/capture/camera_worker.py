@@ -11,9 +11,9 @@ from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
 
+from drivers import errors
 from drivers.camera import Camera, CameraSettings, FrameRef, ShutterReadback
 from drivers.clock import Clock, Deadline
-from drivers.errors import DeviceBusyError, DeviceError, DeviceTimeoutError, ExposureFailedError, ProtocolViolationError
 from station.capture import events
 from station.capture.intake import Intake
 from station.session.folder import FRAME_CAP_BYTES
@@ -103,7 +103,7 @@ class CameraWorker:
             order = self._next_order()
             if isinstance(order, events.Leave):
                 leaving = order
-                with suppress(DeviceError):
+                with suppress(errors.DeviceError):
                     self._stand_down()
             else:
                 self._guarded(order)
@@ -114,7 +114,7 @@ class CameraWorker:
             order = self._inbox.get()
             if isinstance(order, events.Safe):
                 self._safe.append(order)
-        with suppress(DeviceError):
+        with suppress(errors.DeviceError):
             while self._safe:
                 self._finish(self._safe.popleft())
 
@@ -130,7 +130,7 @@ class CameraWorker:
         stop = order.stop if isinstance(order, events.SetUp) else self._armed.stop if self._armed else None
         try:
             self._carry_out(order)
-        except DeviceError as error:
+        except errors.DeviceError as error:
             self._armed = None
             self._put(events.Broken(self.side, stop, error, recovered=self._recover(error, stop)))
 
@@ -214,18 +214,18 @@ class CameraWorker:
                 return progress.frames
             if progress.done:
                 likely = "no focus, or the card rejected the picture"
-                raise ExposureFailedError("the exposure ended without a picture", where=str(self.side), likely=likely)
+                raise errors.ExposureFailedError("the exposure gave no picture", where=str(self.side), likely=likely)
             if self._backlog and self._camera.can_transfer_while_exposing:
                 self._transfer_chunk(EXPOSING_CHUNK_BYTES)
         text = f"no picture within {deadline.limit_s:g} s of the release"
-        raise DeviceTimeoutError(text, where=str(self.side), limit_s=deadline.limit_s)
+        raise errors.DeviceTimeoutError(text, where=str(self.side), limit_s=deadline.limit_s)
 
     def _transfer_chunk(self, max_bytes: int, *, pause: bool = False) -> None:
         """Fetch one chunk of the oldest frame; a frame that fails is fetched anew once, then reported lost."""
         transfer = self._backlog[0]
         try:
             self._read_into(transfer, max_bytes)
-        except DeviceBusyError as error:
+        except errors.DeviceBusyError as error:
             if not pause:
                 return  # it exposes; that has its own limit
             now_s = self._clock.monotonic_s()
@@ -235,7 +235,7 @@ class CameraWorker:
                 self._restart(transfer, error)
                 raise
             self._clock.sleep(BUSY_PAUSE_S)
-        except DeviceError as error:
+        except errors.DeviceError as error:
             self._restart(transfer, error)
             raise
 
@@ -243,10 +243,10 @@ class CameraWorker:
         frame = transfer.shot.frame
         if frame.size_bytes > FRAME_CAP_BYTES:
             text = f"a frame of {frame.size_bytes} bytes is announced, more than {FRAME_CAP_BYTES}"
-            raise ProtocolViolationError(text, where=str(self.side))
+            raise errors.ProtocolViolationError(text, where=str(self.side))
         data = self._camera.read_chunk(frame, transfer.offset, min(max_bytes, frame.size_bytes - transfer.offset))
         if not data:
-            raise ExposureFailedError("the camera sent no frame data", where=str(self.side), handle=frame.handle)
+            raise errors.ExposureFailedError("the camera sent no frame data", where=str(self.side), handle=frame.handle)
         self._intake.write(transfer.shot, data)
         transfer.offset += len(data)
         transfer.busy_since_s = None
@@ -255,7 +255,7 @@ class CameraWorker:
             self._backlog.popleft()
             self._intake.complete(transfer.shot)
 
-    def _restart(self, transfer: _Transfer, error: DeviceError) -> None:
+    def _restart(self, transfer: _Transfer, error: errors.DeviceError) -> None:
         self._intake.abort(transfer.shot)
         transfer.offset, transfer.busy_since_s = 0, None
         transfer.attempts += 1
@@ -267,12 +267,14 @@ class CameraWorker:
         while self._backlog:
             shot = self._backlog.popleft().shot
             self._intake.abort(shot)
-            self._put(events.Lost(self.side, shot.stop, DeviceTimeoutError("left on the camera", where=str(self.side))))
+            error = errors.DeviceTimeoutError("left on the camera", where=str(self.side))
+            self._put(events.Lost(self.side, shot.stop, error))
 
     def _finish(self, safe: events.Safe) -> None:
         self._camera.finish_frame(safe.frame)
         if self._delete_after and safe.acknowledged:
-            self._camera.delete(safe.frame)
+            with suppress(errors.OperationRefusedError, errors.StoreFullError):  # one that is protected stays there
+                self._camera.delete(safe.frame)
 
     def _stay_awake(self) -> None:
         now_s = self._clock.monotonic_s()
@@ -280,7 +282,7 @@ class CameraWorker:
             self._alive_at_s = now_s
             self._camera.keep_alive()
 
-    def _recover(self, cause: DeviceError, stop: int | None) -> bool:
+    def _recover(self, cause: errors.DeviceError, stop: int | None) -> bool:
         """Bring the camera back and set it anew (settings may be lost with power); False if it stays broken."""
         deadline = Deadline.after(self._clock, PATIENCE_S)
         while True:
@@ -288,7 +290,7 @@ class CameraWorker:
             try:
                 self._camera.recover()
                 self._camera.prepare(self._settings)
-            except DeviceError as error:
+            except errors.DeviceError as error:
                 cause.details["recovery"] = str(error)
                 if not error.retryable or deadline.expired or self._leave_asked:
                     self._give_up_backlog()

@@ -262,8 +262,7 @@ class Conductor:
         for side in spent:
             text = f"{side} {self._label(stop)}: the camera failed {self._failures[side, stop]} times; frame missing"
             yield self._warn("frame_missing", text, side=side, stop=stop)
-        kept = tuple(s for s in sides if s not in spent)
-        if kept:
+        if kept := tuple(s for s in sides if s not in spent):
             self._todo.appendleft((stop, kept))
 
     def _pump_until(self, done: Callable[[], bool], limit_s: float, what: str) -> Iterator[events.CaptureEvent]:
@@ -330,9 +329,8 @@ class Conductor:
 
     def _repeated(self, notice: events.Repeated) -> Iterator[events.CaptureEvent]:
         if (record := notice.record) is not None:
-            text = f"{record.side} {self._label(record.stop)} repeated: " + (
-                f"light x {record.ratio:.3f}" if record.ratio else "nothing to compare"
-            )
+            found = f"light x {record.ratio:.3f}" if record.ratio else "nothing to compare"
+            text = f"{record.side} {self._label(record.stop)} repeated: {found}"
             yield self._event(_KINDS.REFERENCE, text, **record.model_dump(mode="json"))
             if moved := in_words(record, self._max_drift_frac):
                 yield self._warn("moving_light", moved)

@@ -178,6 +178,22 @@ def test_whole_bracket(make: Make, keep_raw: bool) -> None:
     setup.camera.close()
 
 
+def test_a_handle_is_free_again_when_its_picture_was_deleted(make: Make) -> None:
+    """Cameras make handles of file numbers, and number from the last file on the card when the newest was deleted."""
+    setup = make()
+    setup.camera.connect()
+    setup.camera.prepare(setup.settings())
+    handles = set()
+    for stop in NINE_STOPS[:3]:
+        (frame,) = setup.expose(stop)
+        assert setup.fetch(frame).startswith(label_of("jpeg", stop, setup.settings()))
+        setup.camera.delete(frame)
+        setup.device.store._next_handle = frame.handle
+        handles.add(frame.handle)
+    assert len(handles) == 1
+    setup.camera.close()
+
+
 def test_transfer_behind_the_next_exposure(make: Make) -> None:
     setup = make()
     setup.camera.connect()

@@ -10,7 +10,7 @@ import pytest
 import station.capture.conductor
 from drivers.camera import FrameRef
 from drivers.clock import SystemClock
-from drivers.errors import DeviceLostError
+from drivers.errors import DeviceLostError, OperationRefusedError, StoreFullError
 from station.capture.capture import Capture, CaptureRequest
 from station.capture.events import EventKind
 from station.errors import DiskFullError
@@ -95,6 +95,14 @@ def test_only_frames_that_count_are_deleted(tmp_path: Path) -> None:
     run(make_rig(camera, indoor=TABLE.model_copy(update={"delete_after": True})), tmp_path)
     assert 2 not in camera.deleted
     assert len(camera.deleted) == len(STOPS_S)
+
+
+def test_a_picture_that_is_protected_costs_no_recovery(tmp_path: Path) -> None:
+    for kind in (OperationRefusedError("protected", response_code=0x200D), StoreFullError("the card is locked")):
+        camera = FakeCamera(SystemClock(), failures={("delete", nth): kind for nth in range(1, 10)})
+        rig = make_rig(camera, indoor=TABLE.model_copy(update={"delete_after": True}))
+        manifest, _, _ = run(rig, tmp_path / type(kind).__name__)
+        assert (manifest.status, camera.recovered, camera.calls["delete"]) == ("complete", 0, len(STOPS_S))
 
 
 def test_a_meter_that_died_costs_no_retake(tmp_path: Path) -> None:
