@@ -35,10 +35,10 @@ MOST_UNEXPLAINED_CONSTANTS = 0
 FORBIDDEN_NAMES = {"utils.py", "helpers.py", "misc.py", "common.py", "manager.py"}
 LINES = {
     "drivers": 6_582,
-    "station": 10_569,  # other disks, other bodies of a camera, other people's files; mocks gave as much
+    "station": 10_578,  # other disks, other bodies of a camera, other people's files; mocks gave as much
     "mocks": 14_247,
-    "processing": 59_677,  # frames beside wardrobes, floors without blotches, a lift that doubts, light on furniture
-    "studio": 816,
+    "processing": 59_682,  # frames beside wardrobes, floors without blotches, a lift that doubts, light on furniture
+    "studio": 817,
 }
 """The budget of lines of each room."""
 OWN_PROGRAMS = {"__init__", "__main__", "child", "worker"}
