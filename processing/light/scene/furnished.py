@@ -14,9 +14,9 @@ from typing import NamedTuple, Self
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Doubles, Flags, Floats, Vector
+from processing.ground.arrays import Doubles, Flags, Floats, Int16s, Vector
 from processing.ground.room_model import OpeningKind, RoomModel
-from processing.ground.seam import smoothed
+from processing.ground.seam import resized, smoothed
 from processing.ground.threads import side_by_side
 from processing.light.scene import sources
 from processing.light.scene.albedo import DARK, brought_to, everywhere, lit_stage
@@ -34,6 +34,7 @@ from processing.sphere import Equirectangular
 from processing.surfaces.maps import FLOOR, SurfaceMaps, surface_maps
 
 ROUNDS = 6  # of reading albedo from light and light from albedo; hidden patches change, and settle in four (chosen)
+HOLDS = 0.25  # of a reduced pixel, from which it counts as part of a mask; chosen
 DARK_SHARE = 0.002  # of the median irradiance, below which a patch shows none; chosen
 MOST_RATIO = 3.0  # by which a place may be brighter or darker without the furniture; chosen: under a table it is 2 to 4
 MISFIT = -7  # label of pixels in which mask and stand-ins disagree: nobody knows which of both they show
@@ -45,11 +46,11 @@ LEAST_FAR = 50  # pixels, fewer of which say nothing of a plane's reflectance
 LEAST_LOCAL = 0.03  # natural logarithm: a local change below it is hardly weighed; chosen, 3 % is not seen
 GUARD_WIDE = 4.0  # times as far, over which shares are brought together (chosen: 1 and 2 leave lines on plain walls)
 SHINES = 3.0  # times what furniture shows in the median, from which it is in the sun; chosen
-PRIOR, FLOOR_TIMES, SPREAD, DOUBT = 0.2, 2.0, 0.15, (0.08, 0.15)
+PRIOR, FLOOR_TIMES, SPREAD, DOUBT = 0.2, 2.0, 0.15, (0.05, 0.12)
 """Log change of a room's walls and ceiling, were as much furniture's surface as all others, as the root of its share;
 times that, of its floor; by how much rooms differ from it, and what is found on a plane from the truth, with a picture
 of the sky and without, where no sun falls on furniture (docs/measurements/emptying.md)."""
-GROSS, GROSS_SPREAD = 0.2, 0.5  # of rooms, whose change is found so far from the truth besides; chosen
+GROSS, GROSS_SPREAD = 0.1, 0.5  # of rooms, whose change is found so far from the truth besides; chosen, as DOUBT
 SUNLIT, LEAST_DUE_M2, USUAL_SUN = 0.1, 0.1, 0.6
 """Of the full sun, from which a patch is in it; area facing the sun of such patches in sight, from which they are asked
 how much falls in, and how much does else. Chosen on six rooms: docs/measurements/emptying.md."""
@@ -73,15 +74,23 @@ class FurnishedLight:
     """The bare room, its windows as they were measured with the furniture in it, under as much sun as it shows."""
     parts: tuple[Part, ...]
     notes: tuple[str, ...]
-    moved: Floats
-    """(H, W, 3): by what the log change, and that of the light without furniture, have to be moved to be believed."""
+    plane: Int16s
+    """(H, W): of the room, that a pixel shows."""
+    prior: float
+    """Natural logarithm of what so much furniture changes a room's walls and ceiling by."""
     doubt: float
-    """Standard uncertainty of each plane's log change, once it is moved."""
+    """Standard uncertainty of each plane's log change."""
 
-    def believed(self) -> Self:
-        """Return the light as it is believed: nearer to what furniture takes from rooms, the less was certain here."""
-        change = self.log_change + np.where(self.seen[..., None], self.moved, 0)
-        return replace(self, log_change=change, without_lx=self.without_lx * np.exp(self.moved))
+    def believed(self, again: Self | None = None) -> Self:
+        """Return the light as it is believed: nearer to what furniture takes from rooms, the less was certain here.
+
+        ``again``: another estimate, of any size: what was found is the mean of both, and as uncertain as they differ.
+        """
+        moved, trust = _moved(self, again)
+        change = self.log_change + np.where(self.seen[..., None], moved, 0)
+        said = f"change of light: {100 * trust:.0f} % as found, the rest as in rooms with so much furniture"
+        notes, without_lx, doubt = (*self.notes, said), self.without_lx * np.exp(moved), SPREAD * math.sqrt(1 - trust)
+        return replace(self, log_change=change, without_lx=without_lx, notes=notes, doubt=doubt)
 
 
 class OldFurniture(NamedTuple):
@@ -116,7 +125,7 @@ def furnished_light(
     Raises `AlbedoError`: a picture without light, or of no whole panorama; `RoomError`: the room cannot stand.
     """
     rgb, valid = brought_to(panorama, rows, old.target & ~old.mask)
-    mask, gone = _reduced(old.mask, rows), _reduced(old.target, rows)
+    mask, gone = (resized(one.astype(np.float32), (rows, 2 * rows)) > HOLDS for one in (old.mask, old.target))
     full, _, notes = lit_stage(room, outdoors, rgb, valid & ~mask, REVEAL_M, effort.texel_m, old.parts)
     eye = (0.0, 0.0, room.camera_height_m)
     geometry = Equirectangular(2 * rows, rows)
@@ -150,17 +159,9 @@ def furnished_light(
     change = guarded(change, level, (rgb @ WEIGHTS, whole @ WEIGHTS), seen, maps)
     log_change = np.broadcast_to(np.where(seen[..., None], change, 0), shape).astype(np.float32)
     standin, back = standin_m.reshape(shape[:2]), returned.reshape(shape[:2]) & seen
-    moved, trust = _moved(log_change, seen, maps, *_known_beside(full, bare, shown))
-    said = f"change of light: {100 * trust:.0f} % as found, the rest as in rooms with so much furniture"
-    notes, doubt = (*notes, f"{len(old.parts)} stand-ins", *measured, said), SPREAD * math.sqrt(1 - trust)
-    return FurnishedLight(without_lx, log_change, seen, standin, back, bare.scene, old.parts, notes, moved, doubt)
-
-
-def _reduced(mask: Flags, rows: int) -> Flags:
-    """Return a mask at a height of ``rows``: pixels that hold any of it."""
-    if mask.shape[0] == rows:
-        return mask
-    return np.asarray(cv2.resize(mask.astype(np.float32), (2 * rows, rows), interpolation=cv2.INTER_AREA) > 0.25)
+    notes, beside = (*notes, f"{len(old.parts)} stand-ins", *measured), _known_beside(full, bare, shown)
+    kept = (bare.scene, old.parts, notes, maps.plane)
+    return FurnishedLight(without_lx, log_change, seen, standin, back, *kept, *beside)
 
 
 def _consistent(sight: Sight, furniture: Flags, target: Flags) -> Sight:
@@ -370,24 +371,30 @@ def _known_beside(full: Stage, bare: Stage, shown: _Shown) -> tuple[float, float
     given, furniture = shown.given @ WEIGHTS, shown.seen & (np.arange(len(area)) >= count)
     sunlit = furniture & (given > SHINES * np.median(given[furniture])) if furniture.any() else furniture
     back = (area @ full.exitance + area[:count] @ (bare.exitance - 2 * full.exitance[:count])) @ WEIGHTS
-    doubt = math.hypot(
-        DOUBT[full.scene.outdoors.rgb is DARK], *(np.array([area[sunlit] @ given[sunlit], back]) / (area @ given))
+    unsure = np.array([area[sunlit] @ given[sunlit], back]) / (area @ given)
+    return PRIOR * math.sqrt(area[count:].sum() / area.sum()), math.hypot(
+        DOUBT[full.scene.outdoors.rgb is DARK], *unsure
     )
-    return PRIOR * math.sqrt(area[count:].sum() / area.sum()), doubt
 
 
-def _moved(change: Floats, seen: Flags, maps: SurfaceMaps, prior: float, doubt: float) -> tuple[Floats, float]:
+def _moved(found: FurnishedLight, again: FurnishedLight | None) -> tuple[Floats, float]:
     """Return by what each plane's log change (H, W, C) moves towards that of rooms, and how far its own is trusted.
 
     It is the posterior's mean: both normally distributed, but for `GROSS` of rooms, whose model is of no use. Planes of
     which nothing is seen move as if they changed as all do."""
-    away, wide = np.zeros_like(change), math.hypot(SPREAD, doubt)
-    for plane in np.unique(maps.plane) if seen.any() else ():
-        mine = maps.plane == plane
-        own = np.median(change[mine & seen if (mine & seen).any() else seen], axis=0)
-        away[mine] = prior * (FLOOR_TIMES if plane == FLOOR else 1) - own
-    off = float(np.median(away[seen])) if seen.any() else 0.0
+    seen, own = found.seen, found.log_change
+    away, half, every = np.zeros_like(own), np.zeros_like(own), np.dstack([own, np.zeros_like(own[..., 0])])
+    if again is not None:
+        level, known = (resized(one.astype(np.float32), seen.shape) for one in (again.log_change.mean(-1), again.seen))
+        every[..., 3] = np.where(known > 0.5, level / np.maximum(known, 0.5) - own.mean(axis=-1), 0) / 2
+    for plane in np.unique(found.plane) if seen.any() else ():
+        mine = found.plane == plane
+        usual = np.median(every[mine & seen if (mine & seen).any() else seen], axis=0)
+        half[mine] = usual[3]
+        away[mine] = found.prior * (FLOOR_TIMES if plane == FLOOR else 1) - usual[:3] - usual[3]
+    off, differs = (float(np.median(one[seen])) if seen.any() else 0.0 for one in (away, half))
+    wide = math.hypot(SPREAD, found.doubt, differs)
     cases = ((1 - GROSS, wide), (GROSS, math.hypot(wide, GROSS_SPREAD)))
     good, bad = (share / width * math.exp(-0.5 * (off / width) ** 2) for share, width in cases)
     trust = (SPREAD / wide) ** 2 * good / (good + bad)
-    return (1 - trust) * away, trust
+    return half + (1 - trust) * away, trust

@@ -1,7 +1,5 @@
 """The room's sources of light as its pictures show them: windows, what covers them, and lamps.
 
-What the pictures show of a room's windows: how much light the glass lets through, and what covers it.
-
 The indoor panorama sees through each window what the outdoor picture sees directly: where their ratio is that of clear
 glass, the window is clear; where less arrives, bars, curtains, a blind or trees stand in the way, and what the camera
 sees there is light that the window gives by itself.
@@ -286,15 +284,10 @@ def places_near_sun(stage: Stage, points: Floats, normals: Floats) -> np.ndarray
     near = np.zeros(len(points), bool)
     if sun is None or not panes:
         return near
-    grown = [_grown(p.corner_m, p.across_m, p.up_m) for p in panes]
-    sides = [np.array([g[k] for g in grown]) for k in range(3)]
-    towards_panes(points, np.asarray(sun.direction, np.float64), *sides, near)
+    corner, across, up = (np.array([getattr(pane, f"{one}_m") for pane in panes]) for one in ("corner", "across", "up"))
+    a, b = (np.array([SUN_MARGIN_M * one / np.linalg.norm(one) for one in side]) for side in (across, up))
+    towards_panes(points, np.asarray(sun.direction, np.float64), corner - a - b, across + 2 * a, up + 2 * b, near)
     return np.asarray(near & (normals @ np.asarray(sun.direction, np.float32) > 0))
-
-
-def _grown(corner: Doubles, across: Doubles, up: Doubles) -> tuple[Doubles, Doubles, Doubles]:
-    a, b = (SUN_MARGIN_M * side / np.linalg.norm(side) for side in (across, up))
-    return corner - a - b, across + 2 * a, up + 2 * b
 
 
 def most_sun(sun: Sun | None) -> float:
@@ -333,9 +326,8 @@ def sun_note(sun: Sun | None, share: float) -> tuple[str, ...]:
     if share == 1:
         return ("sun: overexposed outdoors, and no sunlit patch is seen indoors: a lower bound",)
     low, high = (share * one for one in SUN_SURE)
-    return (
-        f"sun: {share:.1f} times as strong as the overexposed disc, by its patches indoors ({low:.1f} to {high:.1f})",
-    )
+    said = f"sun: {share:.1f} times as strong as the overexposed disc, by its patches indoors ({low:.1f} to {high:.1f})"
+    return (said,)
 
 
 def window_strength(

@@ -97,8 +97,7 @@ def _shares(fine: int, coarse: int) -> Doubles:
 
 
 def part_albedo(part: Part, face: Int32s, places: Doubles, wide_m: Doubles | float = 0.0) -> Doubles:
-    """Return the albedo (N, 3) of places (N, 3), m, on a part's faces (N,); metals count as matte of their base
-    colour.
+    """Return the albedo (N, 3) of places (N, 3), m, on a part's faces (N,); metals count as matte, of their own colour.
 
     ``wide_m`` (N,): of what a pixel shows of each place; a texture is averaged over it (trilinear); 0: points."""
     colour = np.array(part.material.colour, np.float64)

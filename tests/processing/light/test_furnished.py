@@ -473,23 +473,48 @@ def test_a_ghost_is_kept_down() -> None:
     assert np.abs(np.diff(guarded_grey(fading, even), axis=1))[same].max() < 0.015
 
 
+def at_level(found: FurnishedLight, level: float) -> FurnishedLight:
+    """Return a light whose change is the same everywhere, in a room that usually changes by 0.1 (its floor by 0.2)."""
+    change = np.full_like(found.log_change, level)
+    return replace(found, log_change=change, prior=0.1, doubt=0.1)
+
+
 def test_a_change_is_believed_the_less_the_farther_it_is_from_what_rooms_do(found: FurnishedLight) -> None:
     """Each plane moves as one, so that no shade within it is lost; what is far from all rooms says next to nothing."""
-    plane, share = surface_maps(box_room(), GEOMETRY).plane, []
+    share = []
     for level in (0.2, 0.4, 1.0):
-        change = np.full((ROWS, 2 * ROWS, 3), level, np.float32)
-        moved, trust = _moved(change, found.seen, surface_maps(box_room(), GEOMETRY), 0.1, 0.1)
+        moved, trust = _moved(at_level(found, level), None)
         share.append(trust)
-        for number in np.unique(plane):
-            assert np.ptp(moved[plane == number]) < 1e-6
-        assert np.allclose(moved[plane != FLOOR], (1 - trust) * (0.1 - level), atol=1e-5)
-        assert np.allclose(moved[plane == FLOOR], (1 - trust) * (0.2 - level), atol=1e-5)
+        for number in np.unique(found.plane):
+            assert np.ptp(moved[found.plane == number]) < 1e-6
+        assert np.allclose(moved[found.plane != FLOOR], (1 - trust) * (0.1 - level), atol=1e-5)
+        assert np.allclose(moved[found.plane == FLOOR], (1 - trust) * (0.2 - level), atol=1e-5)
     assert 0.7 > share[0] > share[1] > share[2]
     assert share[2] < 0.1
     believed = found.believed()
-    assert np.allclose(believed.log_change - found.log_change, np.where(found.seen[..., None], found.moved, 0))
-    assert np.allclose(believed.without_lx, found.without_lx * np.exp(found.moved)), "light and change by the same"
-    assert 0 < found.doubt < SPREAD
+    moved = _moved(found, None)[0]
+    assert np.allclose(believed.log_change - found.log_change, np.where(found.seen[..., None], moved, 0), atol=1e-6)
+    assert np.allclose(believed.without_lx, found.without_lx * np.exp(moved)), "light and change by the same"
+    assert 0 < believed.doubt < SPREAD
+
+
+def test_what_another_estimate_says_counts_as_much_and_its_distance_is_a_doubt(found: FurnishedLight) -> None:
+    """Two that agree are believed as one is; of two that do not the mean, by less. The second may be of any size."""
+    first = at_level(found, 0.2)
+    believed, doubts = [], []
+    for level in (0.2, 0.3, 0.6):
+        half = at_level(found, level)
+        half = replace(half, log_change=half.log_change[::2, ::2], seen=half.seen[::2, ::2])
+        both = first.believed(half)
+        walls = found.seen & (found.plane != FLOOR)
+        believed.append(float(np.median(both.log_change[walls])))
+        doubts.append(both.doubt)
+    alone = first.believed()
+    assert believed[0] == pytest.approx(np.median(alone.log_change[walls]), abs=1e-3)
+    assert doubts[0] == pytest.approx(alone.doubt, abs=1e-3)
+    assert doubts[0] < doubts[1] < doubts[2]
+    assert believed[0] < believed[1] < 0.25
+    assert 0.1 < believed[2] < 0.4
 
 
 def test_how_uncertain_a_lift_is_is_stated(dark: tuple[LuminanceImage, Flags], found: FurnishedLight) -> None:
