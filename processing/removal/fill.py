@@ -199,11 +199,13 @@ def empty_room(
     foreign = np.zeros_like(target) if foreign is None else foreign
     kept = np.zeros_like(target) if sunlight is None else sunlight & ~target
     walls = ((shown >= FIRST_WALL) & target).any()
-    skirting = find_skirting(rgb, geometry, room, target | blind | unfit, boards) if walls else None
+    # Boards in front of the floor's plane are no surface; where they are all that is seen, they count.
+    masks = (target | blind | one for one in (unfit, _unfit(target, sunlight)) if walls)
+    skirting = next((one for mask in masks if (one := find_skirting(rgb, geometry, room, mask, boards))), None)
     hidden = [plane for plane in planes_of(room) if (target & (shown == plane.index)).any()]
     marks = unfit | kept * np.uint8(2) | foreign * np.uint8(4)
     seen = _Seen(rgb, marks, geometry, room, target | blind, shown)
-    del unfit, foreign, kept, blind, marks  # which are large, before planes are filled
+    del unfit, foreign, kept, blind, marks, masks  # which are large, before planes are filled
     filled = _filled(seen, hidden, quality, skirting, filler)
     provenance, confidence = _blank(target.shape)
     out = image.rgb if own else image.rgb.copy()

@@ -62,6 +62,7 @@ FRAME_RAD, LEAST_FRAME_PX = (
 FITTED_LARGE, FITTED, FITTED_FOOT_RAD = 0.3, 0.55, math.radians(4.5)
 """Of the wall below a window, what is fitted there; mean probability of furniture up to which it is (a niche: 0.49;
 chairs and tables there in three rooms: 0.63 and more); above the floor, where skirting is drawn anew (chosen)."""
+FITTED_WIDE_RAD, FITTED_SIDES = math.radians(5), 1.4  # beside a pane, as wide as niches are; so much higher (chosen)
 BEST, HARDLY, LIKELY, LIKELY_HERE, SURE_FLOOR = 0.95, 0.7, 0.7, 0.5, 0.95
 """Quantile of the floor's probability that is its best; up to which a floor is hardly seen; shares of the best in the
 mean of a segment of colour, and at a place, from which that is floor; what the best is raised to (chosen on nine real
@@ -160,13 +161,15 @@ def frames_seen(mask: Flags, sure: Flags, maps: SurfaceMaps, rgb8: Bytes) -> Fla
 def fitted_below_windows(mask: Flags, probability: Floats, maps: SurfaceMaps) -> Flags:
     """Return the wall (H, W) below each window of which a ``mask`` (H, W) has much that is hardly furniture by its
     ``probability`` (H, W): a niche, a radiator, an air conditioner belong to the building."""
-    found, high = np.zeros_like(mask), ~grown(maps.plane == FLOOR, FITTED_FOOT_RAD)
+    found, side = np.zeros_like(mask), np.ones((1, 2 * round(FITTED_WIDE_RAD / math.pi * len(mask)) + 1), np.uint8)
+    high, higher = (~grown(maps.plane == FLOOR, times * FITTED_FOOT_RAD) for times in (1, FITTED_SIDES))
     for number in np.unique(maps.opening[maps.opening >= 0]):
         pane = maps.opening == number
-        below = np.maximum.accumulate(pane, axis=0) & ~pane & high & (maps.plane == maps.plane[pane][0])
+        wall = maps.plane == maps.plane[pane][0]
+        below = np.maximum.accumulate(pane, axis=0) & ~pane & high & wall
         taken = below & mask
-        if taken.sum() > FITTED_LARGE * below.sum():
-            found |= below & (probability[taken].mean() < FITTED)
+        if taken.sum() > FITTED_LARGE * below.sum() and probability[taken].mean() < FITTED:
+            found |= below | ((cv2.dilate(below.astype(np.uint8), side) > 0) & higher & wall & (maps.opening < 0))
     return found
 
 

@@ -21,12 +21,12 @@ from processing.ground.seam import resized, smoothed, wrapped
 from processing.ground.threads import side_by_side
 from processing.pictures.images import LuminanceImage, Validity
 from processing.removal.fill import Emptied, Others, PlaneFiller, Quick, empty_room, soften_edges
-from processing.removal.illumination import grey, known_mean
+from processing.removal.illumination import grey, known_mean, spread
 from processing.removal.plane_fill import LEAST_OPEN
 from processing.removal.shadows import PX_PER_M, relit
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import FIRST_WALL, FLOOR, opening_map, plane_map, planes_of
-from processing.surfaces.textures import unwrap, wrap
+from processing.surfaces.maps import FIRST_WALL, FLOOR, Plane, opening_map, plane_map, planes_of
+from processing.surfaces.textures import opening_regions, unwrap, wrap
 
 BAND_ROWS, MOST_BANDS = 128, 4  # rows lifted at once, and so many times side by side; chosen, 20 MB each at full size
 LIFT_DOUBT = 0.25  # share of a log ratio that is its standard uncertainty (measured: docs/measurements/emptying.md)
@@ -140,16 +140,18 @@ def _taken_off(rgb: Floats, change: Floats, rows: slice, gain: Floats, _: Floats
     change[rows] += np.log(gain, out=gain).mean(axis=-1)
 
 
-HALO_ROWS, HALO_RAD = 512, (math.radians(0.5), math.radians(3.0), math.radians(2.0))
-"""Working size; from and up to how wide a line beside a filling is no detail and no light of the room; how far from the
-filling's rim it may lie. These and the next chosen by looking at five real rooms."""
-MOST_HALO, HALO_THING = 0.12, 0.25
-"""Natural logarithm by which a line is taken away at most, twice which it is none; from which a pixel is no wall."""
+ROWS, HALO_THING = 512, 0.25  # working size; natural logarithm from which a place is no wall (chosen on real rooms)
 GRAIN_M, BROAD_M, NEAR_SHARE = (0.25, 0.1), 0.6, 1 / 3
 LEAST_BLOTCH, MOST_BLOTCH, OTHER_BLOTCH = 0.03, 0.6, 1.0
 """Of floors with boards or tiles, and of plain ones: what is finer is their grain; what is broader is light; share of
 what is around that is filled, from which blotches go altogether. Natural logarithm that nobody sees, that is taken off
 at most, and from which a place is another thing: dark skirting (chosen by looking at eight real rooms)."""
+STAIN_M, LOCAL_M, UNLIKE, PAINT = 0.5, 0.3, (0.8, 0.4), 0.4
+"""How far from the rim of what was filled, on both sides, a wall has light of its own; over what that is taken to see
+what hangs on it; tone and colour by which light may differ on a wall; colour that changes so within 0.15 m is paint
+(chosen by looking at eight real rooms)."""
+TOP_M, FOOT_M = 0.12, 0.2  # cornice and skirting: as they are (chosen)
+FRAME = np.ones((2 * round(0.17 * PX_PER_M) + 1,) * 2, np.uint8)  # beside a window's frame: its reveal (chosen)
 
 
 def evened(done: Emptied, target: Flags, room: RoomModel, others: Others, sunlight: Flags | None) -> Floats:
@@ -159,40 +161,17 @@ def evened(done: Emptied, target: Flags, room: RoomModel, others: Others, sunlig
     filling is neither: where both meet there is a line along the outline of what was there. On floors, shade between
     pieces of furniture stays where it is seen, and goes on into their filling. ``sunlight`` (H, W).
     """
-    rows = min(HALO_ROWS, len(target))
+    rows = min(ROWS, len(target))
     foreign = np.zeros_like(target) if others.foreign is None else others.foreign
-    never = (foreign | others.no_surface(np.zeros_like(target)) | (False if sunlight is None else sunlight)) & ~target
-    parts = (resized(one.astype(np.float32), (rows, 2 * rows)) > 0.5 for one in (target, foreign, never))
-    gone, thing, apart = parts
+    never = (others.no_surface(np.zeros_like(target)) | (False if sunlight is None else sunlight)) & ~target
+    parts = (resized(one.astype(np.float32), (rows, 2 * rows)) > 0.5 for one in (target, foreign & ~target, never))
+    gone, thing, never = parts
     light = np.nan_to_num(resized(done.image.rgb, (rows, 2 * rows)), posinf=0)
-    gain = _lines(light, gone, thing | (opening_map(room, Equirectangular(2 * rows, rows)) >= 0), room)
+    gain = _stains(light, gone, thing | never, room, [one.texture.plane for one in done.textures])
     for plain in (one.how == "plain" for one in done.textures if one.texture.plane.index == FLOOR):
-        gain += _blotches(light, gone, apart, room, GRAIN_M[plain])
-    gain[apart] = 0
+        gain += _blotches(light, gone, thing | never, room, GRAIN_M[plain])
+    gain[never] = 0
     return gain
-
-
-def _lines(rgb: Floats, target: Flags, apart: Flags, room: RoomModel) -> Floats:
-    """Return log gains (H, W, 3) for the walls of a picture (H, W, 3); ``apart`` (H, W): what is no part of them."""
-    rows = len(rgb)
-    narrow, wide, reach = (angle / math.pi * rows for angle in HALO_RAD)
-    pad_px = math.ceil(3 * wide)
-    tone, plane = wrapped(np.log(np.maximum(rgb, 1e-6)), pad_px), plane_map(room, Equirectangular(2 * rows, rows))
-    gone, other, plane = wrapped(target, pad_px), wrapped(apart, pad_px), wrapped(plane, pad_px)
-    rim = cv2.morphologyEx(gone.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
-    away = np.minimum(cv2.distanceTransform(1 - rim, cv2.DIST_L2, 5), rows)  # no rim: as far as can be
-    near = np.exp(-((away / np.float32(reach)) ** 2))
-    gain = np.zeros_like(tone)
-    for number in np.unique(plane[(plane >= FIRST_WALL) & (rim > 0)]):
-        fit = (plane == number) & ~other
-        for _ in range(2):
-            slow = known_mean(tone, fit, wide)[0]
-            fit &= np.abs(grey(tone - slow)) < HALO_THING
-        off = slow - known_mean(tone, fit, narrow)[0]
-        off = np.clip(off, -MOST_HALO, MOST_HALO) * np.clip(2 - np.abs(off) / MOST_HALO, 0, 1)
-        gain[fit] = off[fit]
-    gain = np.asarray(cv2.GaussianBlur(gain, (0, 0), narrow) * near[..., None], np.float32)
-    return gain[:, pad_px : pad_px + 2 * rows]
 
 
 def _blotches(rgb: Floats, target: Flags, apart: Flags, room: RoomModel, grain_m: float) -> Floats:
@@ -214,6 +193,56 @@ def _blotches(rgb: Floats, target: Flags, apart: Flags, room: RoomModel, grain_m
     gain, (values, where) = np.zeros_like(rgb), wrap(off, texture, room, geometry, ~apart)
     gain[where] = values
     return gain
+
+
+def _stains(rgb: Floats, gone: Flags, thing: Flags, room: RoomModel, planes: list[Plane]) -> Floats:
+    """Return log gains (H, W, 3) for walls of a picture (H, W, 3), by which shade, glow and colour of what is
+    ``gone`` leave no edge beside its filling; ``thing`` (H, W): what seems no wall."""
+    geometry, gain = Equirectangular(rgb.shape[1], rgb.shape[0]), np.zeros_like(rgb)
+    layers = (np.log(np.maximum(rgb, 1e-6)), np.stack([gone, thing], axis=-1))
+    picture, glass = np.concatenate(layers, axis=-1).astype(np.float32), opening_map(room, geometry) >= 0
+    for plane in (one for one in planes if one.index >= FIRST_WALL):
+        texture = unwrap(picture, geometry, room, plane, PX_PER_M, mask=glass)
+        known, frames = texture.known.copy(), np.zeros_like(texture.known)
+        known[: round(TOP_M * PX_PER_M)] = known[round((plane.height_m - FOOT_M) * PX_PER_M) :] = False
+        for frame in opening_regions(plane, room, known.shape, PX_PER_M):
+            known, frames = known & (cv2.dilate(frame.astype(np.uint8), FRAME) == 0), frames | frame
+        parts = (one & texture.known for one in (texture.values[..., 3] > 0.5, texture.values[..., 4] > 0.5, frames))
+        values, where = wrap(_stain(texture.values[..., :3], known, *parts), texture, room, geometry, ~glass)
+        gain[where] = values
+    return gain
+
+
+def _stain(tone: Floats, known: Flags, gone: Flags, thing: Flags, frames: Flags) -> Floats:
+    """Return what `_stains` does for one wall's texture (H, W, 3): 0 where too little of it is seen."""
+    odd, brush, off = known & thing & ~gone, np.ones((3, 3), np.uint8), np.zeros_like(tone)
+    for _ in range(3):
+        rest = tone - known_mean(tone, known & ~odd, LOCAL_M * PX_PER_M)[0]
+        odd |= known & ~gone & (np.abs(rest).max(axis=-1) > HALO_THING)
+    colour = tone - grey(tone)[..., None]
+    paint = (cv2.dilate(colour, brush) - cv2.erode(colour, brush)).max(axis=-1) > PAINT
+    own = known & ~odd & (cv2.dilate(paint.astype(np.uint8), brush) == 0)
+    out, inside = (cv2.distanceTransform(one.astype(np.uint8), cv2.DIST_L2, 5) for one in (~gone, gone))
+    for _ in range(3):
+        seen, both = (own & (away > STAIN_M * PX_PER_M) for away in (out, out + inside))
+        if not seen.any() or not gone.any():
+            return np.zeros_like(tone)
+        light = known_mean(tone, own, GRAIN_M[1] * PX_PER_M)[0]
+        # Of a wall of several paints the one that most of it has; light goes on from both sides of the rim, colour
+        # only from what is seen.
+        usual = _unlike(light - np.median(light[own], axis=0)) < 1
+        off, hue = (spread(light, far & usual) - light for far in (both, seen))
+        off = hue + (grey(off) - grey(hue))[..., None]
+        own &= usual & (_unlike(off) < 1)
+    size = np.abs(off).max(axis=-1)
+    less = np.maximum(size - LEAST_BLOTCH, 0) / np.maximum(size, 1e-6) * np.clip(2 - 2 * _unlike(off), 0, 1)
+    return spread(off * (less * ~frames)[..., None], own | frames)
+
+
+def _unlike(off: Floats) -> Floats:
+    """Return how far tones (H, W, 3) are from one paint in another light: from 1 on it is not."""
+    hue = np.abs(off - grey(off)[..., None]).max(axis=-1)
+    return np.asarray(np.maximum(np.abs(grey(off)) / UNLIKE[0], hue / UNLIKE[1]), np.float32)
 
 
 def _put_on(image: LuminanceImage, rows: int) -> Floats:

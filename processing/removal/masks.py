@@ -17,7 +17,7 @@ from processing.pictures.preview import preview_rgb8
 from processing.removal import furniture as pieces
 from processing.removal.edges import at_full_size
 from processing.removal.furniture import FurnitureFound
-from processing.removal.rests import crumbs_on_walls, rests_beside, torn_glare, whole_boards, with_things
+from processing.removal.rests import SLIT_RAD, crumbs_on_walls, rests_beside, torn_glare, whole_boards, with_things
 from processing.removal.shadows import ShadowFound, find_plain_shade, find_shadows
 from processing.removal.skirting import SEEN_SHARE
 from processing.removal.sunlight import LEAST_PX, SURE_RATIO, SunFound, find_sunlight
@@ -140,9 +140,8 @@ def _find(
 ) -> _Found:
     """Find all masks; ``seen``: the distances (m) of what is seen, if known, and where skirting is, (H, W) each."""
     shown, geometry, luminance = preview_rgb8(rgb), Equirectangular(rgb.shape[1], rgb.shape[0]), luminance_cd_m2(rgb)
-    tripod = find_tripod(chances, shown, maps.plane == FLOOR)
     board, stand = _board(rgb, known.meter_target, room, maps)
-    tripod = replace(tripod, mask=tripod.mask | board)
+    tripod = replace(alone := find_tripod(chances, shown, maps.plane == FLOOR), mask=alone.mask | board)
     furniture = pieces.find_furniture(chances, maps, shown, whole=known.two_networks, reach_m=seen[0])
     others = chances[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     least = HUNG if known.two_networks else BLOCKED
@@ -162,6 +161,7 @@ def _find(
     hidden, other = furniture.mask | tripod.mask, tripod.mask | sunlight.mask | openings | fixtures
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
     plain, hangs = find_plain_shade(rgb, room, geometry, hidden, other & ~hidden)
+    slivers = hangs & ~(fixtures | grown(~grown(hidden | plain | shadow.contact, SLIT_RAD), SLIT_RAD))  # of what goes
     hangs |= (boards | grown(openings, pieces.SILL_RAD)) & ~grown(furniture.mask, 2 * MARGIN_RAD)  # else crumbs stay
     hangs |= pieces.completed(fixtures & ~hidden, chances[SceneClass.FIXTURE], shown)
     hangs &= ~(torn := pieces.boards_between(boards, furniture.mask | plain) & ~openings)
@@ -173,7 +173,7 @@ def _find(
     rests |= torn_glare(gone | rests, rgb, (maps.plane == FLOOR) & ~(gone | rests | bar))
     no_wall = boards | (other & ~fitted) | grown(openings & ~fitted, 2 * pieces.SILL_RAD)
     rests |= crumbs_on_walls(gone | rests, rgb, maps, no_wall, fitted)
-    rests |= (grown(rests, MARGIN_RAD) & ~bar) | (grown(rests, 2 * MARGIN_RAD) & fitted)
+    rests |= (grown(rests, MARGIN_RAD) & ~bar) | (grown(rests, 2 * MARGIN_RAD) & fitted) | (slivers & ~no_wall)
     plain, hangs = plain | rests, hangs & ~rests
     shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
     notes = _notes(furniture, tripod, sunlight, shadow, (board, stand))

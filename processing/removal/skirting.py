@@ -146,11 +146,16 @@ def _boards_seen(rgb: Floats, room: RoomModel, masked: Flags, share: Floats) -> 
     if len(columns) < least:
         return None
     wall = np.where(masked[above, columns][..., None], np.nan, np.log(np.maximum(rgb[above, columns], 1e-6)))
-    off = np.log(np.maximum(rgb[row[columns], columns], 1e-6)) - np.nanmedian(wall, axis=0)
-    usual, row_m = np.median(off, axis=0), away_m * px_rad / np.cos(down[columns]) ** 2
-    contrast, spread = np.abs(usual).mean(), float(np.median(np.abs(grey(off) - grey(usual))))
-    if contrast < LEAST_TONE or spread > MOST_SPREAD_SEEN * contrast:
-        return None
+    beside = np.clip(row[columns] + np.array([[0], [-1], [1]]), 0, height - 1)
+    offs = np.log(np.maximum(rgb[beside, columns], 1e-6)) - np.nanmedian(wall, axis=0)
+    # A board of a pixel or two shows itself where it is most unlike its wall; what differs much beside it is the floor.
+    most = (grey(offs) * np.sign(np.median(grey(offs[0])))).argmax(axis=0)
+    row_m = away_m * px_rad / np.cos(down[columns]) ** 2
+    for off in (offs[0], offs[most, np.arange(len(columns))]):
+        usual = np.median(off, axis=0)
+        contrast, spread = np.abs(usual).mean(), float(np.median(np.abs(grey(off) - grey(usual))))
+        if contrast < LEAST_TONE or spread > MOST_SPREAD_SEEN * contrast:
+            return None
     # As high as the network's shares of a column come to
     high_m = float(np.median(seen[:, columns].sum(axis=0) * row_m))
     cover = np.clip(high_m * SKIRTING_PX_PER_M - np.arange(round(HIGHEST_M * SKIRTING_PX_PER_M)), 0, 1)

@@ -53,7 +53,10 @@ def test_what_has_much_of_the_wall_below_a_window_and_is_hardly_furniture_is_fit
     likely = np.full(below.shape, 0.45, np.float32)
     niche = fitted_below_windows(below, likely, maps)
     assert niche[below & ~grown(maps.plane == FLOOR, math.radians(6))].all()
-    assert not niche[~below].any()
+    sides = grown(below, math.radians(3)) & ~below & (maps.plane == maps.plane[below][0]) & (maps.opening < 0)
+    sides &= np.maximum.accumulate(below, axis=0).any(axis=1)[:, None] & ~grown(maps.plane == FLOOR, math.radians(8))
+    assert niche[sides & ~grown(maps.opening >= 0, math.radians(4))].all(), "a niche is wider than its pane"
+    assert not niche[~grown(below, math.radians(6))].any()
     assert not niche[grown(maps.plane == FLOOR, math.radians(3))].any(), "skirting is drawn anew"
     assert not fitted_below_windows(below, likely + np.float32(0.2), maps).any(), "a chair"
     lamp = below.copy()

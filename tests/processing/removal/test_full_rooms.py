@@ -73,6 +73,25 @@ def test_shade_between_pieces_of_furniture_is_no_stain_on_the_emptied_floor() ->
     assert not evened(done, hole & ~shade, ROOM, Others(foreign=shade), None)[shade].any(), "what stands there"
 
 
+def test_shade_and_colour_that_things_left_on_a_wall_run_out_beside_its_filling() -> None:
+    """On one paint: a picture, a panel of another colour, what is far, and openings stay."""
+    wall = (MAPS.plane >= FIRST_WALL) & (MAPS.opening < 0)
+    hole, shade = box(140, 185, 230, 280) & wall, box(128, 140, 225, 285) & wall
+    far, panel = box(128, 140, 20, 40) & wall, box(100, 160, 288, 300) & wall
+    light = grey_room()
+    light[shade] *= (0.85, 0.8, 0.7)
+    light[far] *= 0.8
+    light[panel] *= (1, 0.3, 0.3)
+    done = emptied(light, hole)
+    gain = evened(done, hole, ROOM, Others(), None)
+    before, after = (np.log(done.image.rgb * np.exp(one)) for one in (0 * gain, gain))
+    inner, clean = box(131, 137, 235, 275) & wall, box(100, 115, 235, 275) & wall
+    step, left = (np.abs(one[inner].mean(axis=0) - one[clean].mean(axis=0)) for one in (before, after))
+    assert (left < 0.6 * step).all(), (step, left)
+    assert np.abs(gain[far]).max() < 0.02
+    assert np.ptp(gain[panel], axis=-1).max() < 0.2, "lit as the wall beside it, and as red as it was (1.2)"
+
+
 def test_a_lit_shade_goes_with_its_pole_and_a_dark_plate_over_a_plant_stays() -> None:
     chair, pole, shade = box(150, 180, 240, 280), box(128, 150, 258, 260), box(115, 126, 252, 266)
     light = grey_room()
