@@ -146,10 +146,10 @@ LEAST_BLOTCH, MOST_BLOTCH, OTHER_BLOTCH = 0.03, 0.6, 1.0
 """Of floors with boards or tiles, and of plain ones: what is finer is their grain; what is broader is light; share of
 what is around that is filled, from which blotches go altogether. Natural logarithm that nobody sees, that is taken off
 at most, and from which a place is another thing: dark skirting (chosen by looking at eight real rooms)."""
-STAIN_M, LOCAL_M, UNLIKE, PAINT = 0.5, 0.3, (0.8, 0.4), 0.4
+STAIN_M, LOCAL_M, FINE_PX, UNLIKE, PAINT = 0.5, 0.3, 1.0, (0.8, 0.4), 0.4
 """How far from the rim of what was filled, on both sides, a wall has light of its own; over what that is taken to see
-what hangs on it; tone and colour by which light may differ on a wall; colour that changes so within 0.15 m is paint
-(chosen by looking at eight real rooms)."""
+what hangs on it; finer is grain; tone and colour by which light may differ on a wall; colour that changes so within
+0.15 m is paint (chosen by looking at eight real rooms)."""
 TOP_M, FOOT_M = 0.12, 0.2  # cornice and skirting: as they are (chosen)
 FRAME = np.ones((2 * round(0.17 * PX_PER_M) + 1,) * 2, np.uint8)  # beside a window's frame: its reveal (chosen)
 
@@ -227,7 +227,7 @@ def _stain(tone: Floats, known: Flags, gone: Flags, thing: Flags, frames: Flags)
         seen, both = (own & (away > STAIN_M * PX_PER_M) for away in (out, out + inside))
         if not seen.any() or not gone.any():
             return np.zeros_like(tone)
-        light = known_mean(tone, own, GRAIN_M[1] * PX_PER_M)[0]
+        light = known_mean(tone, own, FINE_PX)[0]
         # Of a wall of several paints the one that most of it has; light goes on from both sides of the rim, colour
         # only from what is seen.
         usual = _unlike(light - np.median(light[own], axis=0)) < 1
