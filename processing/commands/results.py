@@ -218,9 +218,12 @@ def stills(session: Path, aim: tuple[str, ...], into: Path | None, *, as_json: b
     from processing.pictures.writing import write_bytes
 
     if aim:
-        from processing.api import process
+        from processing.running.choices import going_on
+        from processing.running.requests import RunRequest
+        from processing.running.runner import process
 
-        process(session, until="stills", aim=";".join(aim))
+        with going_on(session, {"aim": ";".join(aim)}, RunRequest(until="stills"), by="daylit stills --aim") as found:
+            process(session, found.request)
     facts = stills_of(session)
     if not facts:
         raise ProcessingError("no stills yet", where=str(session), advice=f"daylit process {session}")
