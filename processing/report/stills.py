@@ -54,6 +54,7 @@ TALL_M, FILLS, TALL_SHARE, BACK_SHARE, MOST_FILLED = 1.4, 3.0, 0.06, 0.02, 0.2
 """Cost of what pieces so tall, and seats' backs, fill of a picture beyond these shares, up to the last (chosen)."""
 CUT_MAIN, ALONE = 0.6, 1.5  # what it costs more to cut a main piece; what it is worth more in an only frame (chosen)
 MAIN, SEATS = ("bed", "single bed", "sofa", "dining table"), ("chair", "armchair", "sofa")
+NEVER_WHOLE = 0.2  # of the cost to cut a main piece that no frame shows whole: the camera stands by it (chosen)
 OPENINGS = ("window", "door")
 MOST_STILLS = MOST + MOST_STAGED - 1  # of the first alternative up to `MOST`, of each further one the best
 LIGHT_PX = 960  # chosen: 10 MB a still
@@ -117,6 +118,8 @@ def frames_of(
     own = np.repeat([_composition(one, room) - cost for one, cost in zip(levels, across, strict=True)], len(DROPS))
     own -= BARE * bare + FILLS * filled
     gain, cut = np.array([(one.worth, one.cut) for one in things]).reshape(-1, 2).T
+    near = np.array([one.main for one in things], bool) & ~(seen == 1).any(axis=0)
+    cut = np.where(near, NEVER_WHOLE * cut, cut)
     chosen, shown = list[int](), np.zeros(len(things))
     while len(chosen) < most:
         again = gain * np.where(shown > 0, AGAIN, 1.0)

@@ -124,6 +124,28 @@ def test_a_staged_frame_shows_what_was_staged_though_it_is_near_and_cut() -> Non
     assert _plain_share(frames_of(small, (), 1, 1)[0], _pieces(table), small) > 0.6
 
 
+def test_a_table_that_the_camera_stands_by_is_cut_rather_than_left_out() -> None:
+    """No frame shows it whole; by the cost to cut a main piece, the frame was of the window, with no piece in it."""
+    small = ROOM.model_copy(
+        update={
+            "floor": ((2.3, -1.5), (2.15, 2.1), (-1.0, 1.95), (-0.9, -1.6)),
+            "camera_height_m": 1.6,
+            "openings": (
+                Opening(kind=OpeningKind.WINDOW, wall=3, start_m=1.05, end_m=2.5, sill_m=0.9, head_m=2.1),
+                Opening(kind=OpeningKind.DOOR, wall=0, start_m=0.19, end_m=0.81, sill_m=0.0, head_m=2.0),
+            ),
+        }
+    )
+    chair, case = (0.45, 0.5, 0.85), (0.85, 0.35, 1.8)
+    items = [piece("dining table", 1.16, 0.37, (1.4, 0.8, 0.74)), piece("bookshelf", -0.85, 1.56, case)]
+    items += [piece("dining chair", x, y, chair) for x, y in ((1.48, 1.03), (0.78, 1.0), (1.54, -0.27), (0.84, -0.3))]
+    turns = {"dining table": -3.1, "bookshelf": -1.53, "dining chair": -3.1}
+    turned = [one.model_copy(update={"theta_rad": turns[one.category]}) for one in items]
+    best = frames_of(small, tuple(turned), 1, 1)[0]
+    assert _seen(best, _pieces(turned), small)[0] == -1, "the table, cut"
+    assert abs(math.remainder(best.yaw_rad - math.atan2(1.16, 0.37), 2 * math.pi)) < math.radians(30)
+
+
 def test_a_tall_piece_or_a_seat_s_back_does_not_fill_a_frame() -> None:
     """Without their cost the frame would look 36 degrees further to the right, where they fill a third of it."""
     away = piece("desk chair", -0.5, 1.5, (0.6, 0.6, 0.95)).model_copy(update={"theta_rad": 0.32})
