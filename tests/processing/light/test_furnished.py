@@ -225,7 +225,7 @@ def test_a_line_along_what_was_removed_fades_on_walls_and_what_is_no_line_stays(
     shade = Shade(np.full_like(light, 0.01), light, everywhere)
     done, change = lifted(picture, hole, box_room(), shade, quality="draft")
     with monkeypatch.context() as without:
-        without.setattr("processing.removal.lift.MOST_HALO", 1e-9)
+        without.setattr("processing.removal.lift.MOST_LINE", 1e-9)
         left = lifted(picture, hole, box_room(), shade, quality="draft")[0].image.rgb
 
     def steep(rgb: Floats) -> float:
