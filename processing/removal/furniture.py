@@ -54,6 +54,10 @@ LEAST_DOOR = 0.15
 """Probability of a door that is likelier than furniture, from which a place of a wall is one: a dark doorway that is no
 known opening is unlike its wall, and went with the plant before it (chosen by the demo's room). Two networks' only: by
 ours alone masks of two test rooms lost 0.02 of their IoU."""
+AJAR = math.exp(-OPENING_DOUBT)
+"""Of furniture's probability, from which that of a door is more beside a known one."""
+BESIDE_RAD, MOST_BESIDE = math.radians(1.6), 0.5  # round a door's upper half; a wardrobe has more furniture (chosen)
+HALVED_SR = 0.03  # segments up to that size go whole (a lamp's shade at two metres: 0.02; chosen)
 MOSTLY_HIDDEN = 0.7  # of an opening, from which it is a part of what hides it (chosen)
 FRAME_RAD, LEAST_FRAME_PX = (
     math.radians(4),
@@ -87,19 +91,28 @@ class FurnitureFound:
     mask: Flags
     probability: Floats
     """(H, W): before filtering by the floor, with edges; furniture is above one half."""
+    stays: Flags
+    """(H, W): doors, windows, curtains and mirrors that are none, as far as they could be taken for it."""
     dropped: int
     """Components that are not attached to the floor."""
     dropped_sr: float
 
 
 def find_furniture(
-    probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes, *, whole: bool = False, reach_m: Floats | None = None
+    probabilities: Floats,
+    maps: SurfaceMaps,
+    rgb8: Bytes,
+    *,
+    doors: Flags | None = None,
+    whole: bool = False,
+    reach_m: Floats | None = None,
 ) -> FurnitureFound:
     """Return the furniture of an upright panorama.
 
     ``probabilities`` (8, H, W).
     ``maps``: of the room, at the same size.
     ``rgb8`` (H, W, 3), sRGB.
+    ``doors`` (H, W): where the room has some.
     ``whole``: complete things to the borders of their colours: for evidence that two networks share.
     ``reach_m`` (H, W): distance to what is seen, as far as it is known.
     """
@@ -119,17 +132,18 @@ def find_furniture(
     openings = (maps.opening >= 0) | (probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > STAYS)
     least = np.where(grown(openings, SILL_RAD), LEAST_AT_SILL, LEAST_ON_WALL) * (maps.plane >= FIRST_WALL)
     vote = CUT_SHARE * snapped(prior, rgb8) * (prior > least) + (1 - CUT_SHARE) * prior
-    soft, stays = np.clip(0.5 + SHARPNESS * (vote - TAKEN), 0, 1).astype(np.float32), np.zeros_like(maps.plane, bool)
+    soft = np.clip(0.5 + SHARPNESS * (vote - TAKEN), 0, 1).astype(np.float32)
+    stays = np.zeros_like(maps.plane, bool) if doors is None else ajar(probabilities, doors, soft > 0.5, rgb8)
     if whole:
         agreed = (soft > 0.5) | (probabilities[SceneClass.FURNITURE] > AGREED)
         likely = np.where((maps.plane == FLOOR) & (prior < FLOOR_DOUBTFUL), 0, prior).astype(np.float32)
         soft = np.where(completed(agreed, likely, rgb8), np.maximum(soft, np.float32(0.75)), soft)
-        stays = _by_segment(staying(probabilities, rgb8, maps.plane == FLOOR), soft > 0.5, rgb8)
-        soft[stays] = 0
+        stays = stays | _by_segment(staying(probabilities, rgb8, maps.plane == FLOOR), soft > 0.5, rgb8)
+    soft[stays] = 0
     soft[frames_seen(soft > 0.5, prior > SURE, maps, rgb8)] = 0
     kept, dropped, dropped_sr = attached(without_skirting(soft > 0.5, maps), maps.plane == FLOOR)
     islands = islands_in(kept, (maps.opening >= 0) | stays)
-    return FurnitureFound(kept | islands, np.where(islands, np.float32(1), soft), dropped, dropped_sr)
+    return FurnitureFound(kept | islands, np.where(islands, np.float32(1), soft), stays, dropped, dropped_sr)
 
 
 def doors_in(probabilities: Floats, maps: SurfaceMaps) -> Flags:
@@ -137,6 +151,28 @@ def doors_in(probabilities: Floats, maps: SurfaceMaps) -> Flags:
     door = probabilities[SceneClass.DOOR]
     others = probabilities[[SceneClass.FURNITURE, SceneClass.FLOOR]].max(axis=0)
     return np.asarray((door > np.maximum(others, LEAST_DOOR)) & (maps.plane != CEILING))
+
+
+def ajar(probabilities: Floats, doors: Flags, mask: Flags, rgb8: Bytes) -> Flags:
+    """Return the segments of colour (H, W) at known ``doors`` (H, W) that are doors rather than furniture by
+    probabilities (8, H, W): the leaf of an open door stands before its wall like a wardrobe, a doorway is as dark.
+
+    ``mask`` (H, W): of furniture. What has that beside its upper half is a front of it; what is all below the camera is
+    a door only if that is likelier (a plant's leaves before one).
+    """
+    labels = segments(rgb8.tobytes(), rgb8.shape, SEGMENTS[0], SEGMENT_PX)
+    near, tall = grown(doors, SILL_RAD), np.arange(len(mask))[:, None] < len(mask) // 2
+    door, furniture = probabilities[[SceneClass.DOOR, SceneClass.FURNITURE]]
+    size, at_doors, high, door, furniture = summed(labels, 1, near, tall, door, furniture)
+    found = ((at_doors > 0) & (door > LEAST_DOOR * size) & (door > np.where(high > 0, AJAR, 1) * furniture))[labels]
+    count, parts = components(found)
+    for one in range(1, count + 1):
+        part = parts == one
+        rows = np.flatnonzero(part.any(axis=1))
+        beside = (grown(part, BESIDE_RAD) & ~part)[: (rows[0] + rows[-1]) // 2]
+        if mask[: len(beside)][beside].mean() > MOST_BESIDE:
+            found &= ~part
+    return found
 
 
 def mostly_seen(openings: Flags, mask: Flags) -> Flags:
@@ -206,6 +242,14 @@ def completed(mask: Flags, probability: Floats, rgb8: Bytes) -> Flags:
         seeds, parts = summed(labels, mask, doubtful)
         grown_to |= (seeds > SEED_SHARE * np.maximum(parts, 1e-9))[labels] & doubtful
     return grown_to
+
+
+def halved(mask: Flags, things: Floats, rgb8: Bytes) -> Flags:
+    """Return the small segments of colour (H, W) that a ``mask`` (H, W) has most of, such as a lamp's shade, where
+    ``things`` (H, W), the probability of such, is more than one half in the mean."""
+    labels = segments(rgb8.tobytes(), rgb8.shape, SEGMENTS[0], SEGMENT_PX)
+    size, taken, likely = summed(labels, 1, mask, things)
+    return np.asarray(((size < HALVED_SR) & (taken > MOSTLY_HIDDEN * size) & (likely > size / 2))[labels], bool)
 
 
 def with_seen_floor(probabilities: Floats, floor_rad: Doubles, rgb8: Bytes) -> Floats:

@@ -142,7 +142,8 @@ def _find(
     shown, geometry, luminance = preview_rgb8(rgb), Equirectangular(rgb.shape[1], rgb.shape[0]), luminance_cd_m2(rgb)
     board, stand = _board(rgb, known.meter_target, room, maps)
     tripod = replace(alone := find_tripod(chances, shown, maps.plane == FLOOR), mask=alone.mask | board)
-    furniture = pieces.find_furniture(chances, maps, shown, whole=known.two_networks, reach_m=seen[0])
+    doors = np.isin(maps.opening, [k for k, one in enumerate(room.openings) if one.kind is OpeningKind.DOOR])
+    furniture = pieces.find_furniture(chances, maps, shown, doors=doors, whole=known.two_networks, reach_m=seen[0])
     others = chances[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     least = HUNG if known.two_networks else BLOCKED
     fixtures = chances[SceneClass.FIXTURE] > np.clip(SURELY * chances[SceneClass.FURNITURE], least, BLOCKED)
@@ -150,7 +151,7 @@ def _find(
     hall = _next_floor(chances, maps, shown) | fitted
     likely = others | (known.two_networks & pieces.doors_in(chances, maps))
     panes, likely = (pieces.mostly_seen(ones, furniture.mask) for ones in (maps.opening >= 0, likely))
-    openings = panes | likely | hall
+    openings = panes | likely | hall | (furniture.stays & ~furniture.mask)
     flat = (maps.plane == FLOOR) & (seen[0] is not None and seen[0] > FLAT * maps.depth_m)
     things = fixtures * chances[SceneClass.FIXTURE], chances[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
     furniture, barred = _with_things(furniture, shown, maps, openings, things, flat)
@@ -279,6 +280,7 @@ def _with_things(
         goes = goes | grown(stands[labels] & ~rugs & ~mask, FRAME_RAD)
         mask = mask | with_things(goes, shown, maps.plane == FLOOR, barred, likely)
         goes = np.zeros_like(mask)
+    mask |= pieces.halved(mask, things[1], shown) & ~openings & ~beside
     return _with(found, (mask | (rugs & ~beside)) & ~found.mask), barred
 
 

@@ -12,7 +12,7 @@ import pytest
 from processing.ground.arrays import Flags
 from processing.ground.seam import grown, resized, summed
 from processing.pictures.preview import preview_rgb8
-from processing.removal.furniture import doors_in, fitted_below_windows, frames_seen, mostly_seen
+from processing.removal.furniture import ajar, doors_in, fitted_below_windows, frames_seen, mostly_seen
 from processing.removal.masks import Masks, _next_floor, find_masks
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import FIRST_WALL, FLOOR
@@ -149,3 +149,26 @@ def test_solid_angles_by_label() -> None:
     size, half = summed(labels, 1, np.arange(128) < 64)
     np.testing.assert_allclose(size, [2 * math.pi] * 2, rtol=1e-9)
     np.testing.assert_allclose(half, [math.pi] * 2, rtol=1e-9)
+
+
+def test_the_leaf_of_an_open_door_stays_and_the_front_of_a_wardrobe_does_not() -> None:
+    """Both have more of a door's probability at a known door than walls have; the wardrobe has a side, too."""
+    doors, leaf, chest = none(), none(), none()
+    doors[90:170, 200:220], leaf[88:180, 220:250], chest[140:190, 190:199] = True, True, True
+    light = bare().image.rgb.copy()
+    light[doors], light[leaf], light[chest] = 0.02, (0.2, 0.5, 0.2), (0.1, 0.1, 0.3)
+    shown = preview_rgb8(light)
+    chances = np.full((8, *leaf.shape), 0.02, np.float32)
+    chances[SceneClass.DOOR, doors | leaf], chances[SceneClass.FURNITURE, doors | leaf] = 0.36, 0.46
+    chances[SceneClass.FURNITURE, chest] = 0.9
+    mask = doors | leaf | chest
+    found = ajar(chances, doors, mask, shown)
+    assert found[doors | leaf].mean() > 0.95, "but for pixels of mixed colour"
+    assert not found[~grown(doors | leaf, math.radians(1))].any(), "neither the wall nor what stands before it"
+    assert not ajar(chances, none(), mask, shown).any(), "the room has no door there"
+    side = none()
+    side[88:180, 180:200] = side[88:180, 250:270] = True
+    light[side] = (0.2, 0.35, 0.2)
+    assert not ajar(chances, doors, mask | side, preview_rgb8(light)).any()
+    chances[SceneClass.DOOR, leaf] = 0.2
+    assert not ajar(chances, doors, mask, shown)[leaf & ~grown(doors, math.radians(1))].any(), "furniture is likelier"

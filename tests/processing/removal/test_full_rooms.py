@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from processing.ground.arrays import Flags, Floats
+from processing.ground.seam import grown
 from processing.pictures.images import LuminanceImage
 from processing.removal.fill import Emptied, FilledPlane, Others, empty_room
 from processing.removal.furniture import FurnitureFound, with_seen_floor
@@ -97,11 +98,26 @@ def test_a_lit_shade_goes_with_its_pole_and_a_dark_plate_over_a_plant_stays() ->
     chair, pole, shade = box(150, 180, 240, 280), box(128, 150, 258, 260), box(115, 126, 252, 266)
     light = grey_room()
     light[chair], light[pole], light[shade] = 0.1, 0.2, 0.95
-    found = FurnitureFound(chair | pole, (chair | pole).astype(np.float32), 0, 0.0)
+    found = FurnitureFound(chair | pole, (chair | pole).astype(np.float32), np.zeros_like(chair | pole), 0, 0.0)
     things = shade.astype(np.float32), shade.astype(np.float32)
     assert _with_things(found, shown(light), MAPS, NONE, things, NONE)[0].mask[shade].all()
     light[shade] = 0.3
     assert not _with_things(found, shown(light), MAPS, NONE, things, NONE)[0].mask[shade].any()
+
+
+def test_a_shade_of_which_a_part_is_found_before_a_picture_goes_whole() -> None:
+    chest, shade, picture = box(150, 180, 240, 280), box(132, 150, 254, 263), box(110, 140, 220, 263)
+    light = grey_room()
+    light[chest], light[picture], light[shade] = 0.1, (0.1, 0.4, 0.3), 0.7
+    taken = chest | (shade & ~box(132, 136, 254, 258))
+    found = FurnitureFound(taken, taken.astype(np.float32), np.zeros_like(taken), 0, 0.0)
+    hung, likely = (picture & ~shade).astype(np.float32), np.where(shade | picture, np.float32(0.6), 0)
+    whole = _with_things(found, shown(light), MAPS, NONE, (hung, likely), NONE)[0].mask
+    assert whole[shade].mean() > 0.95, "but for pixels of mixed colour"
+    assert not (whole & picture & ~grown(shade, math.radians(1))).any()
+    unlikely = np.where(shade, np.float32(0.3), likely)
+    rest = _with_things(found, shown(light), MAPS, NONE, (hung, unlikely), NONE)[0].mask & shade & ~taken
+    assert not rest.any(), "it may be the wall's"
 
 
 def test_a_wall_of_which_only_a_dark_border_is_seen_has_the_other_walls_paint() -> None:

@@ -196,7 +196,7 @@ def test_a_mirrors_lower_edge_that_the_cut_took_stays(monkeypatch: pytest.Monkey
     shares[SceneClass.FIXTURE, half], shares[SceneClass.FURNITURE, half] = 0.42, furniture
     shares[SceneClass.WALL, half] = 0.58 - furniture
     taken = shelf | low
-    found = FurnitureFound(taken, taken.astype(np.float32), 0, 0.0)
+    found = FurnitureFound(taken, taken.astype(np.float32), np.zeros_like(taken), 0, 0.0)
     monkeypatch.setattr(masks.pieces, "find_furniture", lambda *_, **__: found)
     evidence = replace(evidence_of(kinds), probabilities=shares, networks=2)
     target = masks.find_masks(replace(bare.image, rgb=light), evidence, bare.room, sun_possible=False).target

@@ -107,7 +107,7 @@ def test_a_rug_that_furniture_stands_on_goes_whole_and_an_island_stays() -> None
     )
     floor = MAPS.plane == FLOOR
     assert all(floor[part].all() for part in (rug, island, far))
-    found = FurnitureFound(bed, bed.astype(np.float32), 0, 0.0)
+    found = FurnitureFound(bed, bed.astype(np.float32), np.zeros_like(bed), 0, 0.0)
     whole = _with_things(found, shown(grey_room()), MAPS, NONE, (rug | island | far, NONE), floor & ~island)[0].mask
     assert whole[rug].all()
     assert not (whole & island & ~bed).any(), "it stands higher than the floor"
@@ -116,7 +116,7 @@ def test_a_rug_that_furniture_stands_on_goes_whole_and_an_island_stays() -> None
 
 def test_a_picture_on_a_chest_goes_whole_and_a_mirror_or_a_curtain_beside_stays() -> None:
     chest, picture, mirror = box(150, 175, 240, 280), box(130, 148, 250, 262), box(100, 148, 276, 300)
-    found = FurnitureFound(chest, chest.astype(np.float32), 0, 0.0)
+    found = FurnitureFound(chest, chest.astype(np.float32), np.zeros_like(chest), 0, 0.0)
     whole = _with_things(found, shown(grey_room()), MAPS, NONE, (picture | mirror, NONE), NONE)[0].mask
     assert whole[picture].all()
     assert not (whole & mirror).any(), "most of its lower edge hangs free"
@@ -128,7 +128,7 @@ def test_a_large_mirror_that_furniture_touches_stays() -> None:
     chest, mirror = box(150, 175, 240, 280), box(60, 151, 200, 330)
     light = grey_room()
     light[box(130, 151, 250, 262)] = (0.05, 0.05, 0.6)  # what it shows
-    found = FurnitureFound(chest, chest.astype(np.float32), 0, 0.0)
+    found = FurnitureFound(chest, chest.astype(np.float32), np.zeros_like(chest), 0, 0.0)
     whole = _with_things(found, shown(light), MAPS, NONE, (mirror & ~chest, mirror.astype(np.float32)), NONE)[0].mask
     assert not (whole & mirror & ~chest).any()
 
