@@ -80,26 +80,58 @@ def sheets(upper: Doubles, lower: Doubles) -> Solid:
     return solids.cleaned(np.concatenate([upper.reshape(-1, 3), lower.reshape(-1, 3)]), faces)
 
 
-def pillow(width_m: float, height_m: float, thick_m: float, *, seed: int = 0, grid: int = 13) -> Solid:
-    """Return a pillow lying around the origin, x its width, y its height: two sheets sewn at a rim with round corners.
+PLUMP = 2.5
+"""How full a pillow is: its half thickness is h sqrt(1 - s^PLUMP), s from 0 in its middle to 1 at its seam. The seam's
+radius is PLUMP h^2 / (2 x its half width): 2 to 5 cm for pillows of 0.12 to 0.2 m (chosen by looking at photographs)."""
+SQUARE = 6.0  # of a pillow's rim as a superellipse: corners as round as cloth is when it is filled. Chosen by looking
 
-    It is as full as down is, and fuller at -y, its foot where it stands.
+
+def pillow(
+    width_m: float, height_m: float, thick_m: float, *, seed: int = 0, rings: int = 8, around: int = 9
+) -> Solid:
+    """Return a pillow lying around the origin, x its width, y its height: two plump sheets sewn at a rim.
+
+    It is fuller at -y, its foot where it stands, its edges are drawn in between the corners, and cloth is gathered
+    along its seam. ``rings``: from its middle to the rim; ``around``: cells of each of its four sides.
     """
-    s = np.sin(np.pi / 2 * np.linspace(-1, 1, grid))
-    u, v = np.meshgrid(s, s, indexing="ij")
-    corner = 1 - 0.1 * np.square(u * v)
-    x = width_m / 2 * u * (1 - 0.04 * (1 - v**2) * np.abs(u) ** 3) * corner
-    y = height_m / 2 * v * (1 - 0.04 * (1 - u**2) * np.abs(v) ** 3) * corner
-    z = thick_m / 2 * np.sqrt((1 - u**4) * (1 - v**4)) * (1 - 0.15 * v)
     rng = np.random.default_rng(seed)
-    for _ in range(5):
-        k = rng.normal(size=2) * 2.5
-        z = z * (1 + 0.045 * np.sin(k[0] * u * 2 + k[1] * v * 2 + rng.uniform(0, 6.28)))
-    flat = np.stack([x, y, z], axis=-1)
-    return sheets(flat, flat * np.array([1, 1, -0.85]))
+    t = np.sin(np.pi / 2 * np.linspace(-1, 1, around + 1))[:-1]  # denser towards the corners, which are round
+    one = np.ones(around)
+    u, v = np.concatenate([-t, -one, t, one]), np.concatenate([one, -t, -one, t])
+    gauge = (np.abs(u) ** SQUARE + np.abs(v) ** SQUARE) ** (1 / SQUARE)
+    drawn = 0.06 * (1 - np.minimum(np.abs(u), np.abs(v)) ** 2)  # of the way to the middle, between the corners
+    x, y = (a / gauge * (1 - drawn) for a in (u, v))
+    x, y = x / np.abs(x).max(), y / np.abs(y).max()
+    s = np.sin(np.pi / 2 * np.linspace(0, 1, rings + 1)[1:])[:, None]
+    angle = np.arctan2(y, x)
+    corner = np.abs(np.sin(2 * np.arctan2(v, u))) ** 3
+    full = np.sqrt(np.maximum(1 - s**PLUMP, 0)) * (1 - 0.3 * corner * s**3)  # less filling reaches the corners
+    lumps = sum(
+        0.05 * np.sin(k[0] * 2 * s * x + k[1] * 2 * s * y + rng.uniform(0, 6.28)) for k in rng.normal(0, 1.6, (4, 2))
+    )
+    gather = sum(
+        rng.uniform(0.4, 1) * np.sin(k * angle + rng.uniform(0, 6.28)) for k in (9, 13, 17)
+    ) * s**3 * (0.035 + 0.05 * corner)
+    z = thick_m / 2 * full * (1 + lumps + gather) * (1 - 0.14 * s * y)
+    back = thick_m / 2 * full * (0.92 + 0.5 * gather) * (1 - 0.14 * s * y)
+    flat = np.stack([width_m / 2 * s * x, height_m / 2 * s * y], axis=-1)
+    # A seam is 3 mm wide, and stands out from what it holds together.
+    rim = np.concatenate([flat[-1:] * (1 + 0.006 / min(width_m, height_m)), flat[-1:]])
+    edge = np.full((1, 4 * around), 0.0015)
+    front = np.concatenate([np.zeros((1, 4 * around, 2)), flat[:-1], rim[1:], rim[:1]])
+    heights = np.concatenate([np.full((1, 4 * around), thick_m / 2), z[:-1], edge, edge])
+    depths = np.concatenate([np.full((1, 4 * around), -thick_m / 2 * 0.92), -back[:-1], -edge, -edge])
+    heights[0], depths[0] = (heights[1].mean(), depths[1].mean())
+    up = np.concatenate([front, heights[..., None]], axis=-1)
+    down = np.concatenate([front, depths[..., None]], axis=-1)
+    return solids.loft(np.concatenate([down, up[::-1]]))
 
 
 FOLD_M = 0.05  # radius at which a cover turns down over an edge (chosen: a quilt's)
+HEM = (0.0, 0.12, 0.45, 1.0)  # of half a cover's thickness: where its hem, which is round, is cut into cells
+PLEAT_M, PLEAT_OUT_M = 0.26, 0.017
+"""How far apart the folds of hanging cloth are, and how far they stand out at its hem. Chosen: a quilt's."""
+MOST_OUT_M = 0.024  # chosen: of all that is uneven in a cover, so that one lies on another, and above the mattress
 
 
 def hanging(
@@ -111,26 +143,24 @@ def hanging(
     seed: int = 0,
     foot_drop_m: float = 0.0,
     begin_m: float = 0.0,
-    cells: tuple[int, int] = (40, 30),
+    cells: tuple[int, int] = (48, 40),
 ) -> Solid:
     """Return a cover lying with its upper middle at z = 0 and hanging down both long sides (and the end at +y).
 
     x in [-width/2, width/2] over all; y from 0 to `length_m`. Covers of one seed that begin at different `begin_m` have
-    the same folds, so that one lies on the other.
+    the same folds, so that one lies on the other. Its underside, which nobody sees, has a quarter of the cells.
     """
-    m, n = cells
-    rng = np.random.default_rng(seed)
     flat, foot_flat = width_m / 2 - FOLD_M - 0.5 * thick_m, length_m
     reach = np.pi / 2 * FOLD_M + max(drop_m - FOLD_M, 0.0)
     foot_reach = np.pi / 2 * FOLD_M + max(foot_drop_m - FOLD_M, 0.0)
-    far, rows = length_m, np.linspace(0, 1, n + 1)
+    far = length_m
     if foot_drop_m > 0:
         foot_flat -= FOLD_M + 0.5 * thick_m
         far = foot_flat + foot_reach
-        rows = np.interp(rows, (0, 0.6, 0.85, 1), np.array((0, foot_flat, foot_flat + np.pi / 2 * FOLD_M, far)) / far)
-    even = np.linspace(-1, 1, m + 1)
-    s = (flat + reach) * np.sign(even) * (1 - (1 - np.abs(even)) ** 1.25)  # a little denser towards the ends
-    gs, gt = np.meshgrid(s, far * rows, indexing="ij")
+    hem = np.array(HEM) * thick_m / 2
+    s = _cuts(-flat - reach, flat + reach, hem, cells[0], (-flat, flat))
+    t = _cuts(0.0, far, hem, cells[1], (foot_flat,) if foot_drop_m > 0 else ())
+    gs, gt = np.meshgrid(s, t, indexing="ij")
     # Round a corner of the bed both edges are turned down at once, and the hem stays level.
     aside, beyond = np.maximum(np.abs(gs) - flat, 0) / reach, np.maximum(gt - foot_flat, 0) / foot_reach
     turn = np.arctan2(beyond, aside)
@@ -138,22 +168,61 @@ def hanging(
     out, z, hang = _over_edge(down)
     gx = np.sign(gs) * (np.minimum(np.abs(gs), flat) + out * np.cos(turn))
     gy = np.minimum(gt, foot_flat) + out * np.sin(turn)
-    folded = np.clip(np.abs(gs) - flat, 0, None) / 0.2
-    gs, gt = gs * 0.5 / (width_m / 2), gt + begin_m
-    puff = np.zeros_like(gx)
-    for octave in range(4):
-        for _ in range(3):
-            k = rng.normal(size=2) * 2 * np.pi / 0.75 * 1.6**octave
-            puff += 0.0065 * 0.55**octave * np.sin(k[0] * gs + k[1] * gt + rng.uniform(0, 6.28))
-    folds = 0.012 * np.sin(2 * np.pi * gt / 0.34 + 1.3 * np.sin(gt * 5)) * folded
+    uneven = _crumpled(gs * 0.5 / (width_m / 2), gt + begin_m, seed)
+    # Hanging cloth has upright folds: the farther down, the deeper; those of the foot run along the width.
+    along = (gt + begin_m) * np.cos(turn) ** 2 + gs * np.sin(turn) ** 2
+    pleat = np.sin(2 * np.pi / PLEAT_M * (along + 0.05 * np.sin(5.1 * along + seed)) + 2 * np.sign(gs))
+    uneven = uneven * (1 - 0.6 * hang) + PLEAT_OUT_M * (pleat + 0.25 * pleat**2) * np.clip(down / 0.2, 0, 1) ** 0.8
     lift = np.stack([np.sign(gx) * hang * np.cos(turn), hang * np.sin(turn), 1 - 0.9 * hang], -1)
     lift /= np.linalg.norm(lift, axis=-1, keepdims=True)
-    upper = np.stack([gx, gy, z], -1) + lift * (np.clip(puff + folds, -0.02, 0.02) - 0.02)[..., None]
-    i, j = np.ogrid[: m + 1, : n + 1]
-    rim = np.minimum(np.minimum(i, m - i), np.minimum(j, n - j))
-    depth = thick_m * np.clip(rim / 2.0, 0, 1) ** 0.5
+    upper = np.stack([gx, gy, z], -1) + lift * (np.clip(uneven, -MOST_OUT_M, MOST_OUT_M) - MOST_OUT_M)[..., None]
+    rim = np.minimum(*np.meshgrid(*(np.minimum(a - a[0], a[-1] - a) for a in (s, t)), indexing="ij"))
+    depth = thick_m * np.sqrt(1 - (1 - np.clip(rim / (thick_m / 2), 0, 1)) ** 2)
     mid = upper - lift * (thick_m / 2)
-    return sheets(mid + lift * depth[..., None] / 2, mid - lift * depth[..., None] / 2)
+    top, under = (mid + sign * lift * depth[..., None] / 2 for sign in (1, -1))
+    return _lined(top, under[::2, ::2])
+
+
+def _cuts(low: float, high: float, hem: Doubles, cells: int, edges: tuple[float, ...] = ()) -> Doubles:
+    """Return places from low to high, an odd count: a hem's at both ends, between them `cells`, denser at bed edges."""
+    fine = np.linspace(low + hem[-1], high - hem[-1], 400)
+    dense = 1 + 1.6 * sum(np.exp(-(((fine - edge) / 0.09) ** 2)) for edge in edges)
+    total = np.cumsum(np.broadcast_to(dense, fine.shape))
+    inner = np.interp(np.linspace(total[0], total[-1], cells - 2 * (len(hem) - 1) + 1)[1:-1], total, fine)
+    return np.concatenate([low + hem, inner, high - hem[::-1]])
+
+
+def _crumpled(x: Doubles, y: Doubles, seed: int) -> Doubles:
+    """Return how uneven lying cloth is at places (...), m: down below it, then creases that cross, finer and finer."""
+    rng = np.random.default_rng(seed)
+
+    def waves(length_m: float, count: int) -> Doubles:
+        total = np.zeros_like(x)
+        for _ in range(count):
+            way, phase = rng.uniform(0, 2 * np.pi), rng.uniform(0, 2 * np.pi)
+            k = 2 * np.pi / (length_m * rng.uniform(0.75, 1.35))
+            total += np.sin(k * (np.cos(way) * x + np.sin(way) * y) + phase)
+        return total / np.sqrt(count)
+
+    down, astray = waves(0.62, 4), 0.5 * waves(0.45, 3)
+    found = 0.008 * down
+    for length_m, high_m in ((0.30, 0.0115), (0.16, 0.0065)):
+        for _ in range(3):  # a crease is narrow, bends, and is there in places only
+            way, k = rng.uniform(0, np.pi), 2 * np.pi / length_m
+            ridge = np.cos(k / 2 * (np.cos(way) * x + np.sin(way) * y) + astray + rng.uniform(0, 6.28)) ** 6
+            found += high_m * ridge * np.clip(0.4 + 0.6 * waves(0.55, 3), 0, 1)
+    return found - 0.006
+
+
+def _lined(top: Doubles, under: Doubles) -> Solid:
+    """Return the closed body of a sheet (2 M - 1, 2 N - 1, 3) and a coarser one below it (M, N, 3), of one rim."""
+    (m, n), (a, b) = top.shape[:2], under.shape[:2]
+    faces, rim = [grid_faces(m, n), grid_faces(a, b)[:, ::-1] + m * n], grid_rim(m, n)
+    low = grid_rim(a, b) + m * n
+    first, half, last, this, that = rim[::2], rim[1::2], np.roll(rim[::2], -1), low, np.roll(low, -1)
+    faces += [np.stack(three, -1) for three in ((first, this, half), (half, this, that), (half, that, last))]
+    points = np.concatenate([top.reshape(-1, 3), under.reshape(-1, 3)])
+    return solids.cleaned(points, np.concatenate(faces).astype(np.int64))
 
 
 def _over_edge(down: Doubles) -> tuple[Doubles, Doubles, Doubles]:

@@ -29,7 +29,7 @@ def _pad(
 
 
 def _cover(size: Span, drop: float, thick: float, seed: int = 4, foot: float = 0.0, begin: float = 0.0) -> Solid:
-    cells = (40, 36 if foot else 12)
+    cells = (48, 40) if foot else (48, 14)
     return hanging(*size, drop, thick, seed=seed, foot_drop_m=foot, begin_m=begin, cells=cells)
 
 
@@ -113,7 +113,7 @@ SHAPES: dict[str, Callable[..., Solid]] = {
     "cushion": lambda size, crown=0.03, piping=0.0045, seed=0, inner=5: cushion(
         *size, crown_m=crown, piping_m=piping, seed=seed, inner=inner
     ),
-    "pillow": lambda size, seed=0: pillow(*size, seed=seed, grid=11),
+    "pillow": lambda size, seed=0: pillow(*size, seed=seed),
     "turned": lambda profile, sides=32, stretch=(1.0, 1.0): solids.turned_piece(profile, sides).scaled(
         stretch[0], stretch[1], 1.0
     ),

@@ -6,7 +6,7 @@ import math
 import time
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ from processing.errors import EngineError, ParameterError
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.ground.seam import wrapped
 from processing.ground.threads import side_by_side
-from processing.light.solver.sight import FIRST_PART, NOTHING, Sight
+from processing.light.solver.sight import FIRST_PART, NOTHING, Sight, by_label
 from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
 from processing.light.solver.transport import LightMap, bounced, light_map, links_of
@@ -31,6 +31,9 @@ and others 2010): slats, folds and rims of pillows are narrower than a pixel of 
 (chosen; measured in docs/measurements/render.md)."""
 CLEAN_PX = 5  # measured: about as many pixels as cleaning averages over (docs/reference/rendering.md)
 FIREFLY_TIMES = 8.0  # over its neighbours and over the other half, from which a pixel shines by chance
+LEAN_LEAST, LEAN_RIDGE = 0.3, 0.02
+"""Of a thing's mean light the least that its directions say, and what is added to their squares, which keeps flat
+things, that face one way, from saying anything. Chosen."""
 Lights: TypeAlias = dict[tuple[int, int], LightMap]  # light maps of a stage that are known already, by samples and seed
 WRAP = 0.125  # share of a panorama's width that is repeated beyond its seam
 EVEN_RAD, EVEN_RANGE, EVEN_FROM_RAD = 0.06, 0.7, 0.1
@@ -86,6 +89,42 @@ EFFORTS = {
 
 
 @dataclass(frozen=True)
+class Leanings:
+    """How light on each piece of furniture depends on where its surface faces: a constant and a vector.
+
+    To first order in the normal, as of irradiance's rotational gradient (Ward and Heckbert 1992), but fitted to all
+    that is seen of a part."""
+
+    found: dict[int, Floats]
+    """By label (5, 3): the constant, the vector, and the mean light, lx, for each channel."""
+
+    @classmethod
+    def fitted(cls, light: Floats, sight: Sight) -> Self:
+        """Return what light (H, W, 3), lx, on what is seen says."""
+        flat, found = light.reshape(-1, 3), {}
+        for label, mine in sight.pixels.items():
+            if label < FIRST_PART:
+                continue
+            normal, mean = sight.normal[mine].astype(np.float64), flat[mine].mean(axis=0, dtype=np.float64)
+            middle = normal.mean(axis=0)
+            apart = normal - middle
+            square = apart.T @ apart / len(mine) + LEAN_RIDGE * np.eye(3)
+            vector = np.linalg.solve(square, apart.T @ (flat[mine] - mean) / len(mine))
+            found[label] = np.concatenate([[mean - middle @ vector], vector]).astype(np.float32)
+            found[label] = np.concatenate([found[label], [mean.astype(np.float32)]])
+        return cls(found)
+
+    def of(self, sight: Sight) -> Floats:
+        """Return the light (N, 3), lx, that directions say; 1 where nothing is known, above 0."""
+        out = np.ones((len(sight.label), 3), np.float32)
+        for label, mine in by_label(sight.label, FIRST_PART).items():
+            if label in self.found:
+                constant, vector, mean = self.found[label][0], self.found[label][1:4], self.found[label][4]
+                out[mine] = np.maximum(constant + sight.normal[mine] @ vector, np.maximum(LEAN_LEAST * mean, 1e-9))
+        return out
+
+
+@dataclass(frozen=True)
 class Irradiance:
     """Irradiance of a picture's pixels without the sun's own disc."""
 
@@ -94,8 +133,9 @@ class Irradiance:
     error: float
     """Relative standard error of luminance (rms over pixels), from two halves that share nothing but the scene."""
     rounds: int
-    furniture: tuple[Floats, Sight] | None = None
-    """The same of furniture in a finer picture, and what that sees of it; None: ``picture`` has it."""
+    furniture: tuple[Floats, Sight, Leanings] | None = None
+    """The same of furniture in a finer picture, what that sees of it, and what both are in shares of; None:
+    ``picture`` has it."""
 
     def enlarged(
         self, small: Sight, large: Sight, places: Places, *, wraps: bool, before: Floats | None = None
@@ -106,8 +146,9 @@ class Irradiance:
             return upsampled(values, small, large, wraps=wraps, places=places)
         room = large.label < FIRST_PART
         light, missed = upsampled(values, small, large, wraps=wraps, places=places, among=room)
-        own, alone = upsampled(*self.furniture, large, wraps=wraps, places=places, among=~room)
-        light[:, -3:] += own
+        share, fine, leanings = self.furniture
+        own, alone = upsampled(share, fine, large, wraps=wraps, places=places, among=~room)
+        light[:, -3:] += own * leanings.of(large)
         return light, missed | alone
 
 
@@ -164,7 +205,8 @@ def irradiance_of(
                 mean = cleaned(mean, sight, wraps=wraps, quality=effort.cleaning)
             own = None if fine is None else _on_furniture(stage, fine, effort, halves.rounds, seeds, lights)
             if own is not None and own[1].shape == sight.shape:
-                mean, own = np.where(own[1].solid.reshape(*sight.shape, 1), own[0], mean), None
+                whole = own[0] * own[2].of(own[1]).reshape(*sight.shape, 3)
+                mean, own = np.where(own[1].solid.reshape(*sight.shape, 1), whole, mean), None
             return Irradiance(mean, error, halves.rounds, own)
 
 
@@ -177,8 +219,11 @@ def _half(stage: Stage, sight: Sight, solid: np.ndarray, effort: Effort, seed: i
 
 def _on_furniture(
     stage: Stage, sight: Sight, effort: Effort, rounds: int, seeds: list[int], lights: Lights
-) -> tuple[Floats, Sight]:
-    """Return the irradiance (h, w, 3) of furniture in a finer picture, and what that sees of it, the room left out."""
+) -> tuple[Floats, Sight, Leanings]:
+    """Return the irradiance (h, w, 3) of furniture in a finer picture, and what that sees of it, the room left out.
+
+    It is in shares of what the surfaces' directions alone say (`Leanings`), and so smoothed and brought to other pixels
+    without the loss of creases: cloth was as plain as moulded plastic."""
     at, rays = np.flatnonzero(sight.label >= FIRST_PART), FURNITURE_RAYS * effort.pixel_samples * rounds / 2
     where = sight.point[at], sight.normal[at], max(1, round(rays))
 
@@ -189,10 +234,13 @@ def _on_furniture(
     halves = side_by_side(half, seeds)
     mean = np.asarray(sum(without_fireflies(*pair) for pair in (halves, halves[::-1])), np.float32) / np.float32(2)
     own = replace(sight, label=np.where(sight.label >= FIRST_PART, sight.label, NOTHING).astype(np.int32))
+    leanings = Leanings.fitted(mean, own)
+    mean = np.where(own.solid.reshape(*sight.shape, 1), mean / leanings.of(own).reshape(*sight.shape, 3), 0)
+    mean = mean.astype(np.float32)
     reach_m = sight.distance_m * np.float32(FURNITURE_PX * np.pi / sight.shape[0])
     for step, apart in FURNITURE_PASSES:
         mean = Neighbours.of(own, reach_m * np.float32(step / NEARNESS), step).smooth(mean, apart)
-    return mean, own.faces
+    return mean, own.faces, leanings
 
 
 def without_fireflies(one: Floats, other: Floats) -> Floats:
