@@ -42,7 +42,7 @@ from processing.pictures.display import Display
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage
 from processing.pictures.preview import preview_rgb8
-from processing.report.stills import Frame
+from processing.report.frames import Frame
 from processing.running.requests import RunRequest
 from processing.running.runner import process
 from processing.sphere import directions

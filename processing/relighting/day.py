@@ -24,8 +24,8 @@ from processing.pictures.images import LuminanceImage
 from processing.relighting.live import Outside
 from processing.relighting.relit_session import MEASURED, SessionRoom, check_sky, display_of_day, furnished
 from processing.relighting.weather import day_times
+from processing.report.frames import Frame
 from processing.report.states import Look, shown
-from processing.report.stills import Frame
 from processing.sphere import Equirectangular
 from processing.stages.contract import Quality, StageContext, StageOutput
 from processing.stages.parameters import NO_SUCH, DayParameters

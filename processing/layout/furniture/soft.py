@@ -82,13 +82,11 @@ def sheets(upper: Doubles, lower: Doubles) -> Solid:
 
 PLUMP = 2.5
 """How full a pillow is: its half thickness is h sqrt(1 - s^PLUMP), s from 0 in its middle to 1 at its seam. The seam's
-radius is PLUMP h^2 / (2 x its half width): 2 to 5 cm for pillows of 0.12 to 0.2 m (chosen by looking at photographs)."""
+radius is PLUMP h^2 / (2 x its smaller half width): 3 to 5 cm for pillows of 0.12 to 0.2 m (chosen by looking)."""
 SQUARE = 6.0  # of a pillow's rim as a superellipse: corners as round as cloth is when it is filled. Chosen by looking
 
 
-def pillow(
-    width_m: float, height_m: float, thick_m: float, *, seed: int = 0, rings: int = 8, around: int = 9
-) -> Solid:
+def pillow(width_m: float, height_m: float, thick_m: float, *, seed: int = 0, rings: int = 8, around: int = 9) -> Solid:
     """Return a pillow lying around the origin, x its width, y its height: two plump sheets sewn at a rim.
 
     It is fuller at -y, its foot where it stands, its edges are drawn in between the corners, and cloth is gathered
@@ -105,13 +103,19 @@ def pillow(
     s = np.sin(np.pi / 2 * np.linspace(0, 1, rings + 1)[1:])[:, None]
     angle = np.arctan2(y, x)
     corner = np.abs(np.sin(2 * np.arctan2(v, u))) ** 3
-    full = np.sqrt(np.maximum(1 - s**PLUMP, 0)) * (1 - 0.3 * corner * s**3)  # less filling reaches the corners
+    # As round at its short sides as at its long ones, which are nearer to its middle.
+    long = (width_m * np.cos(angle) ** 2 + height_m * np.sin(angle) ** 2) / min(width_m, height_m)
+    full = np.sqrt(np.maximum(1 - s ** (PLUMP * long), 0)) * (
+        1 - 0.3 * corner * s**3
+    )  # less filling reaches the corners
     lumps = sum(
         0.05 * np.sin(k[0] * 2 * s * x + k[1] * 2 * s * y + rng.uniform(0, 6.28)) for k in rng.normal(0, 1.6, (4, 2))
     )
-    gather = sum(
-        rng.uniform(0.4, 1) * np.sin(k * angle + rng.uniform(0, 6.28)) for k in (9, 13, 17)
-    ) * s**3 * (0.035 + 0.05 * corner)
+    gather = (
+        sum(rng.uniform(0.4, 1) * np.sin(k * angle + rng.uniform(0, 6.28)) for k in (9, 13, 17))
+        * s**3
+        * (0.035 + 0.05 * corner)
+    )
     z = thick_m / 2 * full * (1 + lumps + gather) * (1 - 0.14 * s * y)
     back = thick_m / 2 * full * (0.92 + 0.5 * gather) * (1 - 0.14 * s * y)
     flat = np.stack([width_m / 2 * s * x, height_m / 2 * s * y], axis=-1)
@@ -131,6 +135,7 @@ FOLD_M = 0.05  # radius at which a cover turns down over an edge (chosen: a quil
 HEM = (0.0, 0.12, 0.45, 1.0)  # of half a cover's thickness: where its hem, which is round, is cut into cells
 PLEAT_M, PLEAT_OUT_M = 0.26, 0.017
 """How far apart the folds of hanging cloth are, and how far they stand out at its hem. Chosen: a quilt's."""
+RIM_M = 0.0015  # chosen: a hem's thickness at its very end, where its two sides meet
 MOST_OUT_M = 0.024  # chosen: of all that is uneven in a cover, so that one lies on another, and above the mattress
 
 
@@ -158,8 +163,8 @@ def hanging(
         foot_flat -= FOLD_M + 0.5 * thick_m
         far = foot_flat + foot_reach
     hem = np.array(HEM) * thick_m / 2
-    s = _cuts(-flat - reach, flat + reach, hem, cells[0], (-flat, flat))
-    t = _cuts(0.0, far, hem, cells[1], (foot_flat,) if foot_drop_m > 0 else ())
+    s = _cuts(-flat - reach, flat + reach, hem, cells[0], (-flat - FOLD_M, flat + FOLD_M))
+    t = _cuts(0.0, far, hem, cells[1], (foot_flat + FOLD_M,) if foot_drop_m > 0 else ())
     gs, gt = np.meshgrid(s, t, indexing="ij")
     # Round a corner of the bed both edges are turned down at once, and the hem stays level.
     aside, beyond = np.maximum(np.abs(gs) - flat, 0) / reach, np.maximum(gt - foot_flat, 0) / foot_reach
@@ -175,18 +180,19 @@ def hanging(
     uneven = uneven * (1 - 0.6 * hang) + PLEAT_OUT_M * (pleat + 0.25 * pleat**2) * np.clip(down / 0.2, 0, 1) ** 0.8
     lift = np.stack([np.sign(gx) * hang * np.cos(turn), hang * np.sin(turn), 1 - 0.9 * hang], -1)
     lift /= np.linalg.norm(lift, axis=-1, keepdims=True)
-    upper = np.stack([gx, gy, z], -1) + lift * (np.clip(uneven, -MOST_OUT_M, MOST_OUT_M) - MOST_OUT_M)[..., None]
+    most = MOST_OUT_M * (1 - 0.35 * hang)
+    upper = np.stack([gx, gy, z], -1) + lift * (np.clip(uneven, -most, most) - most)[..., None]
     rim = np.minimum(*np.meshgrid(*(np.minimum(a - a[0], a[-1] - a) for a in (s, t)), indexing="ij"))
-    depth = thick_m * np.sqrt(1 - (1 - np.clip(rim / (thick_m / 2), 0, 1)) ** 2)
+    depth = np.maximum(thick_m * np.sqrt(1 - (1 - np.clip(rim / (thick_m / 2), 0, 1)) ** 2), RIM_M)
     mid = upper - lift * (thick_m / 2)
     top, under = (mid + sign * lift * depth[..., None] / 2 for sign in (1, -1))
     return _lined(top, under[::2, ::2])
 
 
 def _cuts(low: float, high: float, hem: Doubles, cells: int, edges: tuple[float, ...] = ()) -> Doubles:
-    """Return places from low to high, an odd count: a hem's at both ends, between them `cells`, denser at bed edges."""
+    """Return places from low to high, an odd count: a hem's at both ends, between them `cells`, denser at folds over `edges`."""
     fine = np.linspace(low + hem[-1], high - hem[-1], 400)
-    dense = 1 + 1.6 * sum(np.exp(-(((fine - edge) / 0.09) ** 2)) for edge in edges)
+    dense = 1 + 5.0 * sum(np.exp(-(((fine - edge) / 0.05) ** 2)) for edge in edges)
     total = np.cumsum(np.broadcast_to(dense, fine.shape))
     inner = np.interp(np.linspace(total[0], total[-1], cells - 2 * (len(hem) - 1) + 1)[1:-1], total, fine)
     return np.concatenate([low + hem, inner, high - hem[::-1]])

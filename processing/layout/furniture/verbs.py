@@ -29,7 +29,7 @@ def _pad(
 
 
 def _cover(size: Span, drop: float, thick: float, seed: int = 4, foot: float = 0.0, begin: float = 0.0) -> Solid:
-    cells = (48, 40) if foot else (48, 14)
+    cells = (46, 42) if foot else (46, 14)
     return hanging(*size, drop, thick, seed=seed, foot_drop_m=foot, begin_m=begin, cells=cells)
 
 

@@ -94,6 +94,7 @@ SEATS = ("sofa", "armchair")
 SLIM_M = 0.2  # half the width of the walker of the score `walk`
 HEAD_ROOM_M = 2.0  # what hangs above this is in nobody's way
 HIDDEN_M = 0.1  # what hangs on a wall may be covered by so much at its lower edge
+ELBOW_M = 0.3  # chosen: a hand's room to reach, clean and see that a nightstand is the bed's; none at half of it
 AT_WALL_M = 0.06  # a head this near to a wall stands at it (chosen: a skirting board)
 
 
@@ -124,6 +125,7 @@ def soft_scores(floor: Floor, placed: Sequence[Stand]) -> dict[str, float]:
         "in_sight": _in_sight(floor, placed),
         "walk": _ramp(share_in_one_piece(floor.samples.cells2, floor.samples.grid, SLIM_M, solid), 0.9, 1.0),
         "together": _together(placed),
+        "elbow": _elbow(placed),
     }
     return {name: round(min(1.0, max(0.0, value)), 4) for name, value in found.items() if value is not None}
 
@@ -301,6 +303,20 @@ def _daylight(floor: Floor, placed: Sequence[Stand]) -> float | None:
             worst += near * _ramp(aside, width_m / 2 + 0.9, width_m / 2) * min(1.0, s.item.spec.size_m[0])
         lost += width_m * min(1.0, worst)
     return 1 - lost / total
+
+
+def _elbow(placed: Sequence[Stand]) -> float | None:
+    """Return how far nightstands have room beside them; None, as it does not apply, where all have.
+
+    A score of 1 would make every other fault of a bedroom weigh less."""
+    found = []
+    for night in _of(placed, "night"):
+        x, y = np.array(night.corners()).T
+        other = [s for s in placed if s.group != night.group and not s.item.spec.is_rug and s.item.spec.base_m == 0]
+        boxes = [np.array(s.corners()).T for s in other]
+        sides = [(x.min() - u.max(), u.min() - x.max(), y.min() - v.max(), v.min() - y.max()) for u, v in boxes]
+        found.append(_ramp(min((max(side) for side in sides), default=ELBOW_M), 0.5 * ELBOW_M, ELBOW_M))
+    return float(np.mean(found)) if min(found, default=1.0) < 1 else None
 
 
 def _together(placed: Sequence[Stand]) -> float | None:

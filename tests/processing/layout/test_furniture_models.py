@@ -77,7 +77,7 @@ def test_a_high_pile_of_thin_books_is_of_books_to_its_top(design: str) -> None:
 
 def test_a_bed_cover_turns_down_round_and_hides_the_mattress_at_its_foot() -> None:
     """It was creased, and the mattress came through: bands of white, as of sheets that one sees through."""
-    cover = hanging(1.4, 1.6, 0.21, 0.045, foot_drop_m=0.2, cells=(40, 36))
+    cover = hanging(1.4, 1.6, 0.21, 0.045, foot_drop_m=0.2, cells=(46, 42))
     corners = cover.vertices[cover.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)

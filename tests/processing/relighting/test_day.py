@@ -21,7 +21,7 @@ from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.images import LuminanceImage
 from processing.relighting import day as stage
 from processing.relighting.day import no_day, run
-from processing.report.stills import Frame
+from processing.report.frames import Frame
 from processing.sphere.views import Panorama, cut_view
 from processing.stages.contract import Quality, StageContext
 from processing.stages.parameters import DayParameters

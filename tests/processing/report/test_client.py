@@ -15,9 +15,9 @@ from processing.layout.drawn.canvas import Area, symbol
 from processing.report import plots, states
 from processing.report import stills as framing
 from processing.report.data import Card, Cards, Section
+from processing.report.frames import FEWEST
 from processing.report.page import DOUBTFUL, build_client_page, client_data
 from processing.report.stage import report_data
-from processing.report.stills import FEWEST
 from processing.report.stills import run as frame
 from processing.stages.contract import StageContext
 from processing.stages.parameters import StillsParameters

@@ -21,8 +21,8 @@ from processing.layout.arrangement import PlacedItem
 from processing.pictures.display import Display
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, Validity
-from processing.report import stills as framing
-from processing.report.stills import (
+from processing.report import frames as framing
+from processing.report.frames import (
     DROPS,
     FEWEST,
     LENSES_MM,
@@ -35,11 +35,10 @@ from processing.report.stills import (
     _pieces,
     _plain_share,
     _seen,
-    _width_px,
     aimed,
-    run,
     with_aimed,
 )
+from processing.report.stills import _width_px, run
 from processing.sphere import directions
 from processing.stages.parameters import StillsParameters
 from tests.once import all_anew, once
@@ -353,7 +352,7 @@ def test_stills_of_an_alternative_that_has_not_changed_are_kept_and_its_picture_
     assert {"staged-1", "staged-2"} <= set(read)
     read.clear()
     assert run(replace(given, fetch=fetch)).artifacts["stills"] == first
-    assert not any(name.startswith("staged") for name in read)
+    assert not any(name.startswith("staged-") for name in read)
     unlabelled = StillsParameters(no_staged_label=True)
     run(replace(given, fetch=fetch, parameters=unlabelled))
     assert "staged-1" in read
