@@ -20,7 +20,7 @@ from processing.sphere import Perspective
 
 LENSES_MM = (24.0, 20.0, 18.0, 16.0)
 SENSOR_MM = 36.0  # width of full frame, on which lenses are named
-WIDE_WORTH = {24.0: 0.0, 20.0: -0.15, 18.0: -0.4, 16.0: -0.7}
+WIDE_WORTH = {24.0: 0.0, 20.0: -0.1, 18.0: -0.25, 16.0: -0.5}
 """A wider lens stretches what is at the edges: worth less. Chosen, as all worths below, by looking."""
 DROPS = (0.0, 0.08, 0.16, 0.24)  # by how much of the picture's height the lens is shifted down
 SIZE_PX = (1920, 1280)
@@ -41,7 +41,7 @@ TALL_M, FILLS, TALL_SHARE, BACK_SHARE, MOST_FILLED = 1.4, 3.0, 0.06, 0.02, 0.2
 CUT_MAIN, ALONE = 0.6, 1.5  # what it costs more to cut a main piece; what it is worth more in an only frame (chosen)
 MAIN, SEATS = ("bed", "single bed", "sofa", "dining table"), ("chair", "armchair", "sofa")
 ROUND = ("table lamp", "floor lamp", "pendant", "vase", "bowl")
-EGG, LEAST_EGG, ROUND_SHARE = 4.0, 1.1, 0.08
+EGG, LEAST_EGG, ROUND_SHARE = 2.0, 1.1, 0.08
 """Cost of round things stretched outwards beyond so much, of those that fill so much of the width or more: a globe near
 the edge of a wide picture is an egg. Chosen by looking."""
 NEVER_WHOLE = 0.2  # of the cost to cut a main piece that no frame shows whole: the camera stands by it (chosen)
@@ -110,8 +110,8 @@ def frames_of(
     across = [cost + NEAR_WALL * _near_wall_share(one, room) for cost, one in zip(plain, levels, strict=True)]
     own = np.repeat([_composition(one, room) - cost for one, cost in zip(levels, across, strict=True)], len(DROPS))
     own -= BARE * bare + FILLS * filled
-    turned = [one for one in (*items, *added) if one.category in ROUND]
-    own -= np.array([EGG * _stretched(frame, turned, room) for frame in frames])
+    spun = [one for one in (*items, *added) if one.category in ROUND]
+    own -= np.array([EGG * _stretched(frame, spun, room) for frame in frames])
     gain, cut = np.array([(one.worth, one.cut) for one in things]).reshape(-1, 2).T
     near = np.array([one.main for one in things], bool) & ~(seen == 1).any(axis=0)
     cut = np.where(near, NEVER_WHOLE * cut, cut)

@@ -105,9 +105,7 @@ def pillow(width_m: float, height_m: float, thick_m: float, *, seed: int = 0, ri
     corner = np.abs(np.sin(2 * np.arctan2(v, u))) ** 3
     # As round at its short sides as at its long ones, which are nearer to its middle.
     long = (width_m * np.cos(angle) ** 2 + height_m * np.sin(angle) ** 2) / min(width_m, height_m)
-    full = np.sqrt(np.maximum(1 - s ** (PLUMP * long), 0)) * (
-        1 - 0.3 * corner * s**3
-    )  # less filling reaches the corners
+    full = np.sqrt(np.maximum(1 - s ** (PLUMP * long), 0)) * (1 - 0.3 * corner * s**3)  # less fills its corners
     lumps = sum(
         0.05 * np.sin(k[0] * 2 * s * x + k[1] * 2 * s * y + rng.uniform(0, 6.28)) for k in rng.normal(0, 1.6, (4, 2))
     )
@@ -190,7 +188,7 @@ def hanging(
 
 
 def _cuts(low: float, high: float, hem: Doubles, cells: int, edges: tuple[float, ...] = ()) -> Doubles:
-    """Return places from low to high, an odd count: a hem's at both ends, between them `cells`, denser at folds over `edges`."""
+    """Return `cells` + 1 places from low to high: a hem's at both ends, those between denser at folds over `edges`."""
     fine = np.linspace(low + hem[-1], high - hem[-1], 400)
     dense = 1 + 5.0 * sum(np.exp(-(((fine - edge) / 0.05) ** 2)) for edge in edges)
     total = np.cumsum(np.broadcast_to(dense, fine.shape))
@@ -208,7 +206,7 @@ def _crumpled(x: Doubles, y: Doubles, seed: int) -> Doubles:
             way, phase = rng.uniform(0, 2 * np.pi), rng.uniform(0, 2 * np.pi)
             k = 2 * np.pi / (length_m * rng.uniform(0.75, 1.35))
             total += np.sin(k * (np.cos(way) * x + np.sin(way) * y) + phase)
-        return total / np.sqrt(count)
+        return np.asarray(total / np.sqrt(count))
 
     down, astray = waves(0.62, 4), 0.5 * waves(0.45, 3)
     found = 0.008 * down
@@ -217,7 +215,7 @@ def _crumpled(x: Doubles, y: Doubles, seed: int) -> Doubles:
             way, k = rng.uniform(0, np.pi), 2 * np.pi / length_m
             ridge = np.cos(k / 2 * (np.cos(way) * x + np.sin(way) * y) + astray + rng.uniform(0, 6.28)) ** 6
             found += high_m * ridge * np.clip(0.4 + 0.6 * waves(0.55, 3), 0, 1)
-    return found - 0.006
+    return np.asarray(found - 0.006)
 
 
 def _lined(top: Doubles, under: Doubles) -> Solid:

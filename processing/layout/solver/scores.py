@@ -306,13 +306,13 @@ def _daylight(floor: Floor, placed: Sequence[Stand]) -> float | None:
 
 
 def _elbow(placed: Sequence[Stand]) -> float | None:
-    """Return how far nightstands have room beside them; None, as it does not apply, where all have.
+    """Return how far nightstands have room beside them, from what one sits at; None where all have.
 
-    A score of 1 would make every other fault of a bedroom weigh less."""
+    It does not apply then: a score of 1 would make every other fault of a bedroom weigh less."""
     found = []
     for night in _of(placed, "night"):
         x, y = np.array(night.corners()).T
-        other = [s for s in placed if s.group != night.group and not s.item.spec.is_rug and s.item.spec.base_m == 0]
+        other = [s for s in _of(placed, "desk", "seat", "sofa", "dining") if s.group != night.group]
         boxes = [np.array(s.corners()).T for s in other]
         sides = [(x.min() - u.max(), u.min() - x.max(), y.min() - v.max(), v.min() - y.max()) for u, v in boxes]
         found.append(_ramp(min((max(side) for side in sides), default=ELBOW_M), 0.5 * ELBOW_M, ELBOW_M))

@@ -136,6 +136,18 @@ def test_a_window_beside_a_bed_is_not_behind_its_head() -> None:
         assert soft_scores(floor, [in_arm])["bed_wall"] == score, "walls 2 and 6 lie on one line"
 
 
+def test_a_desk_is_not_jammed_against_a_nightstand() -> None:
+    """0.45 and 1.2 m wide, side by side at a wall. A score of 1 is left out: no other fault shrinks by it."""
+    floor = Floor(make_plan([[0, 0], [5, 0], [5, 3], [0, 3]]))
+    night = Stand(Item("night", ITEMS["nightstand"]), 1.0, 0.2, 0.0, "bed", 0)
+    scores = {}
+    for gap_m in (0.05, 0.15, 0.225, 0.31):
+        desk = Stand(Item("desk", ITEMS["desk"]), 1.0 + 0.225 + gap_m + 0.6, 0.3, 0.0, "desk", 0)
+        scores[gap_m] = soft_scores(floor, [night, desk]).get("elbow")
+        assert "elbow" not in soft_scores(floor, [night, replace(desk, group="bed")])
+    assert scores == {0.05: 0.0, 0.15: 0.0, 0.225: pytest.approx(0.5), 0.31: None}
+
+
 def test_the_search_knows_how_much_wall_a_piece_along_it_hides() -> None:
     """A bed of 0.9 x 2 m along a wall, its end in the corner where a radiator of 0.5 m hangs."""
     rules, bed = built_in_rules().named("tight"), Item("single-bed", ITEMS["single bed"])

@@ -25,6 +25,7 @@ from processing.report import frames as framing
 from processing.report.frames import (
     DROPS,
     FEWEST,
+    LEAST_EGG,
     LENSES_MM,
     MOST,
     NEAR_M,
@@ -35,6 +36,7 @@ from processing.report.frames import (
     _pieces,
     _plain_share,
     _seen,
+    _stretched,
     aimed,
     with_aimed,
 )
@@ -363,3 +365,23 @@ def test_a_piece_near_the_camera_is_whole_where_the_lens_is_shifted_further_down
     bench = piece("bench", 0.0, 2.5, (0.9, 0.4, 0.5))
     whole = [_seen(Frame(0.0, 24.0, drop), _pieces((bench,)), ROOM)[0] == 1 for drop in DROPS]
     assert whole == [False, False, False, True]
+
+
+def test_round_things_are_kept_out_of_the_corners_of_wide_pictures() -> None:
+    """A globe lamp near the edge of a picture of 18 mm was an egg."""
+    ahead, aside = (piece("table lamp", x, 2.0, (0.3, 0.3, 0.45)) for x in (0.0, 1.7))
+    wide, long = Frame(0.0, 16.0, 0.0), Frame(0.0, 24.0, 0.0)
+    assert _stretched(wide, [ahead], ROOM) < 0.3 * _stretched(wide, [aside], ROOM)
+    assert _stretched(wide, [aside], ROOM) == pytest.approx(math.hypot(2.0, 1.7, 1.275) / 2.0 - LEAST_EGG, rel=0.01)
+    assert _stretched(long, [aside], ROOM) == 0.0, "it is out of the picture"
+    assert _stretched(Frame(math.radians(40), 16.0, 0.0), [aside], ROOM) < 0.5 * _stretched(wide, [aside], ROOM)
+    lamps = [replace_place(lamp, x) for lamp, x in ((aside, -3.2), (aside, -1.4))]
+    drawn_out = [
+        sum(_stretched(frame, lamps, ROOM) for frame in framing.frames_of(ROOM, ITEMS, 1, 1, added))
+        for added in ((), lamps)
+    ]
+    assert drawn_out[1] <= drawn_out[0]
+
+
+def replace_place(lamp: PlacedItem, x: float) -> PlacedItem:
+    return lamp.model_copy(update={"t_m": (x, 2.0, 0.5)})
