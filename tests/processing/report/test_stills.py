@@ -369,7 +369,7 @@ def test_a_piece_near_the_camera_is_whole_where_the_lens_is_shifted_further_down
 
 def test_round_things_are_kept_out_of_the_corners_of_wide_pictures() -> None:
     """A globe lamp near the edge of a picture of 18 mm was an egg."""
-    ahead, aside = (piece("table lamp", x, 2.0, (0.3, 0.3, 0.45)) for x in (0.0, 1.7))
+    ahead, aside = (piece("table lamp", x, 2.0, (0.4, 0.4, 0.45)) for x in (0.0, 1.7))
     wide, long = Frame(0.0, 16.0, 0.0), Frame(0.0, 24.0, 0.0)
     assert _stretched(wide, [ahead], ROOM) < 0.3 * _stretched(wide, [aside], ROOM)
     assert _stretched(wide, [aside], ROOM) == pytest.approx(math.hypot(2.0, 1.7, 1.275) / 2.0 - LEAST_EGG, rel=0.01)
