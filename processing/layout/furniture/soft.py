@@ -112,7 +112,7 @@ def pillow(width_m: float, height_m: float, thick_m: float, *, seed: int = 0, ri
     gather = (
         sum(rng.uniform(0.4, 1) * np.sin(k * angle + rng.uniform(0, 6.28)) for k in (9, 13, 17))
         * s**3
-        * (0.035 + 0.05 * corner)
+        * (0.05 + 0.07 * corner)
     )
     z = thick_m / 2 * full * (1 + lumps + gather) * (1 - 0.14 * s * y)
     back = thick_m / 2 * full * (0.92 + 0.5 * gather) * (1 - 0.14 * s * y)
@@ -210,7 +210,7 @@ def _crumpled(x: Doubles, y: Doubles, seed: int) -> Doubles:
 
     down, astray = waves(0.62, 4), 0.5 * waves(0.45, 3)
     found = 0.008 * down
-    for length_m, high_m in ((0.30, 0.0115), (0.16, 0.0065)):
+    for length_m, high_m in ((0.30, 0.014), (0.16, 0.008)):
         for _ in range(3):  # a crease is narrow, bends, and is there in places only
             way, k = rng.uniform(0, np.pi), 2 * np.pi / length_m
             ridge = np.cos(k / 2 * (np.cos(way) * x + np.sin(way) * y) + astray + rng.uniform(0, 6.28)) ** 6
