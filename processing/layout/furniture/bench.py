@@ -22,6 +22,7 @@ _PICTURES: dict[str, Any] = {
     "wood": (lambda colour, m: model.wood(colour, m.get("figure", 1.0)), model.WOOD_M, 0.5),
     "cloth": (lambda colour, m: model.cloth(colour, m.get("contrast", 1.0)), model.CLOTH_M, 0.92),
     "boucle": (lambda colour, _: model.boucle(colour), model.CLOTH_M, 0.95),
+    "marble": (lambda colour, _: model.marble(colour), model.MARBLE_M, 0.2),
     "leather": (lambda colour, _: model.leather(colour), model.LEATHER_M, 0.42),
 }
 

@@ -87,13 +87,14 @@ def bounds(sets: Sequence[Floats | Doubles]) -> tuple[Doubles, Doubles]:
     return np.min([v.min(axis=0) for v in sets], axis=0), np.max([v.max(axis=0) for v in sets], axis=0)
 
 
-# Procedural surfaces as pictures that repeat without a seam: wood, woven cloth, boucle, leather.
+# Procedural surfaces as pictures that repeat without a seam: wood, woven cloth, boucle, marble, leather.
 
 SIDE = 384  # chosen: texels; wood takes three times as many
 WOOD_M = (0.72, 1.44)  # four planks of 0.18 m side by side (chosen: veneer is laid so), each with its own figure
 PLANKS = 4  # chosen: boards across a picture
 CLOTH_M = (0.16, 0.16)
 LEATHER_M = (0.30, 0.30)
+MARBLE_M = (1.2, 1.2)
 
 
 @lru_cache(maxsize=12)  # the same grain in several colours: 30 MB at most
@@ -171,6 +172,19 @@ def boucle(colour: Colour, seed: int = 11) -> Bytes:
     """Return a picture (H, W, 3), sRGB, of looped yarn: soft knots of several sizes."""
     knots = noise((SIDE, SIDE), (15, 15), seed) + 0.6 * noise((SIDE, SIDE), (7, 7), seed + 1)
     return _coloured(0.09 * np.tanh(knots) + 0.015 * noise((SIDE, SIDE), (110, 110), seed + 2), colour)
+
+
+@lru_cache(maxsize=4)
+def marble(colour: Colour, seed: int = 23) -> Bytes:
+    """Return a picture (H, W, 3), sRGB, of polished marble: clouds, and grey veins that branch, fine and broad."""
+    shape = (2 * SIDE, 2 * SIDE)
+    astray = noise(shape, (220, 220), seed)
+    tone = 0.05 * noise(shape, (130, 130), seed + 1) + 0.015 * noise(shape, (6, 6), seed + 2)
+    for k, (wave, deep, sharp) in enumerate(((200, 0.55, 16.0), (90, 0.25, 11.0))):
+        field = noise(shape, (wave, 0.6 * wave), seed + 3 + k) + 0.5 * astray
+        there = np.clip(0.5 + 0.8 * noise(shape, (160, 160), seed + 7 + k), 0, 1)
+        tone = tone - deep * there * np.exp(-sharp * np.abs(field))
+    return _coloured(tone, colour, (0.1, 0.0, -0.1))
 
 
 @lru_cache(maxsize=8)

@@ -109,7 +109,9 @@ SHAPES: dict[str, Callable[..., Solid]] = {
     "band": _band,
     "leaf": _leaf,
     "drape": _drape,
-    "plate": lambda size, z, corner=0.012, edge=0.006: solids.slab(*size, *z, corner_m=corner, edge_m=edge),
+    "plate": lambda size, z, corner=0.012, edge=0.006: solids.slab(
+        *size, *z, corner_m=corner, edge_m=edge, steps=max(5, round(corner / 0.022))
+    ),
     "cushion": lambda size, crown=0.03, piping=0.0045, seed=0, inner=5: cushion(
         *size, crown_m=crown, piping_m=piping, seed=seed, inner=inner
     ),
@@ -117,7 +119,9 @@ SHAPES: dict[str, Callable[..., Solid]] = {
     "turned": lambda profile, sides=32, stretch=(1.0, 1.0): solids.turned_piece(profile, sides).scaled(
         stretch[0], stretch[1], 1.0
     ),
-    "vessel": lambda profile, wall=0.006, sides=28: solids.vessel(profile, wall, sides),
+    "vessel": lambda profile, wall=0.006, sides=28, smooth=0: solids.vessel(
+        solids.curve([(r, 0.0, z) for r, z in profile], smooth)[:, ::2].tolist() if smooth else profile, wall, sides
+    ),
     "leg": lambda foot, hip, r, sides=14: solids.leg(foot, hip, r[0], r[1], sides),
     "post": lambda foot, hip, side: solids.square_leg(foot, hip, *side),
 }
