@@ -27,7 +27,7 @@ SIZE_PX = (1920, 1280)
 FEWEST, MOST = 3, 6
 APART_RAD = math.radians(30)  # between two frames' axes: nearer, they are one picture
 MARGIN = 0.015  # of the picture's width, around a piece that counts as whole
-PIECE, CUT, WINDOW, CUT_WINDOW, CORNER, BARE, PLAIN = 1.0, 0.6, 0.6, 0.2, 1.2, 1.0, 2.5
+PIECE, CUT, WINDOW, CUT_WINDOW, CORNER, BARE, PLAIN = 1.0, 0.6, 0.6, 0.2, 1.2, 1.3, 2.5
 """Worths and costs: whole and cut pieces, windows, the far corner, no whole piece, columns of plain wall."""
 EMPTY, MOST_EMPTY = 3.0, 0.5  # cost of columns without a piece, beyond that share (chosen)
 AGAIN = 0.3  # of the worth of what an earlier frame shows
@@ -41,9 +41,10 @@ TALL_M, FILLS, TALL_SHARE, BACK_SHARE, MOST_FILLED = 1.4, 3.0, 0.06, 0.02, 0.2
 CUT_MAIN, ALONE = 0.6, 1.5  # what it costs more to cut a main piece; what it is worth more in an only frame (chosen)
 MAIN, SEATS = ("bed", "single bed", "sofa", "dining table"), ("chair", "armchair", "sofa")
 ROUND = ("table lamp", "floor lamp", "pendant", "vase", "bowl")
-EGG, LEAST_EGG, ROUND_SHARE = 2.0, 1.1, 0.08
-"""Cost of round things stretched outwards beyond so much, of those that fill so much of the width or more: a globe near
-the edge of a wide picture is an egg. Chosen by looking."""
+EGG, LEAST_EGG, ROUND_SHARE, MOST_EGG = 2.0, 1.1, 0.08, 0.3
+"""Cost of round things stretched outwards beyond so much, of those that fill so much of the width or more, and the most
+in all: a globe near the edge of a wide picture is an egg, but no picture goes without the table for its vase. Chosen by
+looking."""
 NEVER_WHOLE = 0.2  # of the cost to cut a main piece that no frame shows whole: the camera stands by it (chosen)
 OPENINGS = ("window", "door")
 
@@ -111,7 +112,7 @@ def frames_of(
     own = np.repeat([_composition(one, room) - cost for one, cost in zip(levels, across, strict=True)], len(DROPS))
     own -= BARE * bare + FILLS * filled
     spun = [one for one in (*items, *added) if one.category in ROUND]
-    own -= np.array([EGG * _stretched(frame, spun, room) for frame in frames])
+    own -= np.array([min(EGG * _stretched(frame, spun, room), MOST_EGG) for frame in frames])
     gain, cut = np.array([(one.worth, one.cut) for one in things]).reshape(-1, 2).T
     near = np.array([one.main for one in things], bool) & ~(seen == 1).any(axis=0)
     cut = np.where(near, NEVER_WHOLE * cut, cut)
