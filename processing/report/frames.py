@@ -27,7 +27,7 @@ SIZE_PX = (1920, 1280)
 FEWEST, MOST = 3, 6
 APART_RAD = math.radians(30)  # between two frames' axes: nearer, they are one picture
 MARGIN = 0.015  # of the picture's width, around a piece that counts as whole
-PIECE, CUT, WINDOW, CUT_WINDOW, CORNER, BARE, PLAIN = 1.0, 0.6, 0.6, 0.2, 1.2, 1.3, 2.5
+PIECE, CUT, WINDOW, CUT_WINDOW, CORNER, BARE, PLAIN = 1.0, 0.6, 0.6, 0.2, 1.2, 1.0, 2.5
 """Worths and costs: whole and cut pieces, windows, the far corner, no whole piece, columns of plain wall."""
 EMPTY, MOST_EMPTY = 3.0, 0.5  # cost of columns without a piece, beyond that share (chosen)
 AGAIN = 0.3  # of the worth of what an earlier frame shows
@@ -112,7 +112,8 @@ def frames_of(
     own = np.repeat([_composition(one, room) - cost for one, cost in zip(levels, across, strict=True)], len(DROPS))
     own -= BARE * bare + FILLS * filled
     spun = [one for one in (*items, *added) if one.category in ROUND]
-    own -= np.array([min(EGG * _stretched(frame, spun, room), MOST_EGG) for frame in frames])
+    eggs = np.array([min(EGG * _stretched(frame, spun, room), MOST_EGG) for frame in frames])
+    own -= np.where(bare & (len(spun) > 0), MOST_EGG, eggs)
     gain, cut = np.array([(one.worth, one.cut) for one in things]).reshape(-1, 2).T
     near = np.array([one.main for one in things], bool) & ~(seen == 1).any(axis=0)
     cut = np.where(near, NEVER_WHOLE * cut, cut)
