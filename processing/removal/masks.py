@@ -142,10 +142,9 @@ def _find(
     shown, geometry, luminance = preview_rgb8(rgb), Equirectangular(rgb.shape[1], rgb.shape[0]), luminance_cd_m2(rgb)
     board, stand = _board(rgb, known.meter_target, room, maps)
     tripod = replace(alone := find_tripod(chances, shown, maps.plane == FLOOR), mask=alone.mask | board)
-    doors = np.isin(maps.opening, [k for k, one in enumerate(room.openings) if one.kind is OpeningKind.DOOR])
+    doors, least = _openings(room, maps, OpeningKind.DOOR), HUNG if known.two_networks else BLOCKED
     furniture = pieces.find_furniture(chances, maps, shown, doors=doors, whole=known.two_networks, reach_m=seen[0])
     others = chances[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
-    least = HUNG if known.two_networks else BLOCKED
     fixtures = chances[SceneClass.FIXTURE] > np.clip(SURELY * chances[SceneClass.FURNITURE], least, BLOCKED)
     fitted = known.two_networks & pieces.fitted_below_windows(furniture.mask, chances[SceneClass.FURNITURE], maps)
     hall = _next_floor(chances, maps, shown) | fitted
@@ -303,8 +302,13 @@ def _board(rgb: Floats, target: tuple[float, float] | None, room: RoomModel, map
         return none, False
     red, _, blue = np.moveaxis(np.maximum(rgb, 1e-6), -1, 0)
     board, stand = meter_board(luminance_cd_m2(rgb), target, np.log2(blue / red).astype(np.float32))
-    panes = np.isin(maps.opening, [k for k, one in enumerate(room.openings) if one.kind is OpeningKind.WINDOW])
+    panes = _openings(room, maps, OpeningKind.WINDOW)
     return (none, False) if (board & panes).sum() > 0.5 * board.sum() else (board, stand)
+
+
+def _openings(room: RoomModel, maps: SurfaceMaps, kind: OpeningKind) -> Flags:
+    """Return where (H, W) the room has openings of a kind."""
+    return np.isin(maps.opening, [k for k, one in enumerate(room.openings) if one.kind is kind])
 
 
 def _notes(
