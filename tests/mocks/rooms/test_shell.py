@@ -149,9 +149,10 @@ def test_meshes_are_well_formed() -> None:
             assert facing.mean() > (0.97 if part.surface == "curtain" else 1.0 - 1e-9), part.surface
 
 
+@pytest.mark.sweep
 def test_parts_have_their_surface_class_and_role() -> None:
     found = set()
-    for seed in range(30):
+    for seed in range(30 if LONG else 12):
         for part in parts_of(seed):
             found.add(part.surface)
             assert CLASSES[part.ade] in SURFACES[part.surface]
@@ -167,8 +168,9 @@ def area_of(part: Part) -> float:
     return float(np.linalg.norm(across, axis=1).sum() / 2)
 
 
+@pytest.mark.sweep
 def test_surfaces_have_the_plans_areas() -> None:
-    for seed in range(30):
+    for seed in range(30 if LONG else 12):
         plan = plan_of(seed)
         room = Polygon(plan.polygon)
         walls = [p for p in parts_of(seed) if p.surface == "wall"]
@@ -231,8 +233,9 @@ def test_an_outward_leaf_stands_in_the_hallway(hinge: str) -> None:
     assert np.all(leaf[:, :2] < hall[:, :2].max(axis=0))
 
 
+@pytest.mark.sweep
 def test_fixtures_stay_in_the_room_and_skirting_leaves_doors_free() -> None:
-    for seed in range(30):
+    for seed in range(30 if LONG else 12):
         plan = plan_of(seed)
         room = Polygon(plan.polygon).buffer(0.004)
         ways = [
