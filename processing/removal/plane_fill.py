@@ -219,13 +219,16 @@ def _opening(values: Floats, known: Flags, hole: Flags, region: Flags, px_per_m:
     inwards = np.arange(len(columns))
     hidden = known[:, columns].sum(axis=0) <= PANE_SEEN * region[:, columns].sum(axis=0)
     alike = hidden & ~hidden[::-1] & (np.minimum(inwards, inwards[::-1]) < 3 * wide)
+    own = np.array([_median(values, known, np.array([one])) for one in columns])
+    if region[-1].any():  # what is seen of a door's side that is unlike the other, a doorway by an open leaf, goes on
+        alike &= ~np.isfinite(own) | (abs(np.subtract(own, own[::-1], where=alike, out=np.zeros(len(own)))) < UNLIKE)
     if alike.any() and not hidden.all():
         # A frame whose inner edge is seen, darker or brighter than the view, is only wider.
         inner = columns[~hidden][-1 if alike[-1] else 0]
         frame, here = (_median(values, known, np.array([one])) for one in (columns[0 if alike[-1] else -1], inner))
         seen = abs(here - frame) < abs(here - _median(values, known, columns))
         # Of the other side only what is frame: what is seen through the pane goes on from what is seen beside it.
-        tones = np.array([_median(values, known, np.array([one])) for one in columns[::-1][alike]])
+        tones = own[::-1][alike]
         ends, framed = np.minimum(inwards, inwards[::-1])[alike], np.abs(tones - frame) < np.abs(tones - here)
         mirrored = (not seen) & (ends < ends[~framed].min(initial=len(columns)))
         side = np.ix_(np.arange(len(hole)), columns[alike])

@@ -347,6 +347,17 @@ def test_a_hidden_side_of_a_frame_is_as_the_other() -> None:
     np.testing.assert_allclose(done[34:66, 126:140], seen[34:66, 20:34][:, ::-1], rtol=0.05)
 
 
+def test_a_half_hidden_doorway_beside_an_open_leaf_stays_dark() -> None:
+    region = np.zeros((200, 160), bool)
+    region[10:, 30:130] = True
+    seen = np.full((200, 160, 3), 0.5, np.float32)  # the wall, and the leaf's tone
+    seen[10:, 30:80] = 0.02
+    hole = np.zeros_like(region)
+    hole[80:, 20:70] = True  # a plant
+    done = _opening(np.where(hole[..., None], 0, seen), region & ~hole, hole & region, region, 100.0)
+    np.testing.assert_allclose(done[80:, 30:70], 0.02, rtol=0.1)
+
+
 def test_beside_a_pane_whose_sides_are_hidden_the_wall_goes_on() -> None:
     region, known = np.zeros((2, 100, 160), bool)
     region[20:80, 20:140] = known[20:80, 40:100] = True
