@@ -172,3 +172,21 @@ def test_the_leaf_of_an_open_door_stays_and_the_front_of_a_wardrobe_does_not() -
     assert not ajar(chances, doors, mask | side, preview_rgb8(light)).any()
     chances[SceneClass.DOOR, leaf] = 0.2
     assert not ajar(chances, doors, mask, shown)[leaf & ~grown(doors, math.radians(1))].any(), "furniture is likelier"
+
+
+@pytest.mark.parametrize(("gap", "goes"), [(9, True), (40, False)])
+def test_a_sliver_between_what_goes_goes_though_it_hangs_together_with_a_picture(gap: int, goes: bool) -> None:
+    """A banner with a narrow tail between two pieces of furniture: in a slit the tail goes, in a wide gap it stays."""
+    bare, rows = paint(rows=512, things=False, sun=False, window=False), np.arange(512)[:, None]
+    hangs, furniture = np.zeros((2, 512, 1024), bool)
+    middle = 490 + gap // 2
+    hangs[150:216, 440:560] = hangs[215:380, middle - 2 : middle + 3] = True
+    furniture[250:380, 430:490] = furniture[250:380, 490 + gap : 560 + gap] = True
+    light = np.where(hangs[..., None], np.float32((0.9, 0.3, 0.05)), bare.image.rgb)
+    light = np.where(furniture[..., None], np.float32((0.05, 0.12, 0.3)), light)
+    classes = bare.evidence.probabilities.argmax(axis=0).repeat(2, 0).repeat(2, 1)
+    evidence = evidence_of(np.where(furniture, SceneClass.FURNITURE, classes))
+    found = find_masks(replace(bare.image, rgb=light), evidence, bare.room, sun_possible=False)
+    tail = hangs & (rows > 265) & (rows < 320)
+    assert found.target[tail].mean() > 0.95 if goes else found.target[tail].mean() < 0.1
+    assert not found.target[hangs & (rows < 238)].any(), "what is above stays"

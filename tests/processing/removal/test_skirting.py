@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from processing.ground.room_model import Opening, OpeningKind
 from processing.pictures.images import RelativeImage
-from processing.removal.fill import empty_room
+from processing.removal.fill import Others, empty_room
 from processing.removal.skirting import _boards_seen, find_skirting
 from processing.sphere import Equirectangular
+from processing.surfaces.maps import FLOOR, plane_map
 from tests.processing.removal.painted_room import Painted, box_room, paint
 
 ROWS = 256
@@ -106,6 +108,73 @@ def test_boards_that_the_network_sees_are_found_where_walls_are_taken_for_too_fa
     below = bare.maps.plane == 0
     assert find_skirting(lit.rgb, GEOMETRY, wrong, seen.astype(bool) | below, seen) is not None, "all of it goes"
     assert find_skirting(bare.image.rgb, GEOMETRY, wrong, nothing, seen) is None, "there are none"
+
+
+def uneven(share: npt.NDArray[np.bool_], least: float, most: float) -> npt.NDArray[np.float32]:
+    """Return by how much (H, W, 3) light of boards (H, W) differs, column by column: ``least`` to ``most`` times."""
+    columns = np.random.default_rng(3).uniform(np.log(least), np.log(most), share.shape[1])
+    return np.where(share, np.exp(columns), 1.0).astype(np.float32)[..., None]
+
+
+@pytest.mark.parametrize(("least", "most", "even"), [(2.0, 2.6, True), (1.0, 5.0, False)])
+def test_boards_whose_tone_differs_from_place_to_place_are_none(
+    bare: Painted, least: float, most: float, even: bool
+) -> None:
+    board = (bare.maps.plane >= 2) & (bare.points_m[..., 2] < HEIGHT_M)
+    rgb, nothing = bare.image.rgb * uneven(board, least, most), np.zeros(board.shape, bool)
+    assert (_boards_seen(rgb, bare.room, nothing, board.astype(np.float32)) is not None) == even
+
+
+def test_boards_that_go_with_furniture_count_only_where_no_others_are_seen_and_then_the_surest(bare: Painted) -> None:
+    """A dark thing before most of the boards; white ones are seen beside it, or are surer than it."""
+    board = (bare.maps.plane >= 2) & (bare.points_m[..., 2] < HEIGHT_M)
+    dark = board & (np.arange(board.shape[1]) % 128 < 96)
+    rgb = np.where(dark[..., None], bare.image.rgb / 4, with_skirting(bare).rgb)
+    white = np.log(2)
+    for masked, sure in ((dark, 0.6), (board, 1.0)):
+        share = np.where(dark, 1.6 - sure, np.where(board, sure, 0)).astype(np.float32)
+        found = _boards_seen(rgb, bare.room, masked, share)
+        assert found is not None
+        np.testing.assert_allclose(found.tone.max(axis=0), white, atol=0.1)
+
+
+def test_a_board_of_one_pixel_has_the_tone_of_where_it_is_most_unlike_its_wall(bare: Painted) -> None:
+    """The network is surest of the row above, of which a fifth shows the board."""
+    rows = np.arange(ROWS)[:, None]
+    foot = np.where((bare.maps.plane >= 2) & (rows > ROWS // 2), rows, 0).argmax(axis=0)
+    columns, rgb = np.arange(2 * ROWS), bare.image.rgb.copy()
+    rgb[foot, columns] *= 2
+    rgb[foot - 1, columns] *= 1.2
+    share = np.zeros((ROWS, 2 * ROWS), np.float32)
+    share[foot, columns], share[foot - 1, columns] = 0.4, 0.6
+    found = _boards_seen(rgb, bare.room, np.zeros(share.shape, bool), share)
+    assert found is not None
+    assert found.tone.max() > 0.55, "log 2 is 0.69, log 1.2 is 0.18"
+
+
+@pytest.mark.parametrize("others", ["uneven", "white"])
+def test_boards_in_front_of_the_floor_count_where_no_others_are_seen(bare: Painted, others: str) -> None:
+    """Walls are taken for too far, so that boards seem to stand on the floor: they are no surface, but all there is.
+
+    Of a sixth of the boards that is not so: uneven things that the network takes for boards, or white ones, beside
+    which dark ones before the floor do not count."""
+    board = (bare.maps.plane >= 2) & (bare.points_m[..., 2] < HEIGHT_M)
+    few = board & (np.arange(board.shape[1]) % 96 < 16)
+    if others == "uneven":
+        rgb = np.where(few[..., None], bare.image.rgb * uneven(few, 0.5, 3.0), with_skirting(bare).rgb)
+    else:
+        rgb = np.where((board & ~few)[..., None], bare.image.rgb / 4, with_skirting(bare).rgb)
+    room = box_room().model_copy(update={"camera_height_m": box_room().camera_height_m - 0.14})
+    shown = plane_map(room, GEOMETRY)
+    assert (shown[board] == FLOOR).mean() > 0.9
+    rows = np.arange(ROWS)[:, None]
+    foot = np.where(shown == 3, rows, 0).max(axis=0)
+    target = (shown == 3) & (rows > foot - 30)
+    image = replace(bare.image, rgb=np.where(target[..., None], np.float32(0.01), rgb).astype(np.float32))
+    seen = Others(boards=board.astype(np.float32), unlike=board & ~few & ~target)
+    found = empty_room(image, target, room, others=seen, quality="draft").image.rgb
+    lowest, above = target & (rows > foot - 4), target & (rows < foot - 15)
+    assert 1.5 < np.median(found[lowest]) / np.median(found[above]) < 2.5
 
 
 @pytest.mark.parametrize(("wide_deg", "enough"), [(1.2, False), (5.0, True)])
