@@ -279,7 +279,7 @@ def _with_things(
         goes = goes | grown(stands[labels] & ~rugs & ~mask, FRAME_RAD)
         mask = mask | with_things(goes, shown, maps.plane == FLOOR, barred, likely)
         goes = np.zeros_like(mask)
-    mask |= pieces.halved(mask, things[1], shown) & ~openings & ~beside
+    mask |= pieces.halved(mask, things[1], shown) & ~beside
     return _with(found, (mask | (rugs & ~beside)) & ~found.mask), barred
 
 

@@ -94,7 +94,7 @@ WOOD_M = (0.72, 1.44)  # four planks of 0.18 m side by side (chosen: veneer is l
 PLANKS = 4  # chosen: boards across a picture
 CLOTH_M = (0.16, 0.16)
 LEATHER_M = (0.30, 0.30)
-MARBLE_M = (1.2, 1.2)
+MARBLE_M = (1.2, 1.2)  # chosen by looking
 
 
 @lru_cache(maxsize=12)  # the same grain in several colours: 30 MB at most
