@@ -16,8 +16,9 @@ import shapely
 from processing.ground.arrays import Doubles
 from processing.ground.tables import table_of
 from processing.layout.arrangement import Arrangement, PlacedItem
+from processing.layout.furniture.bench import STYLES
 from processing.layout.furniture.builtin import BUILT_IN
-from processing.layout.plan import FloorPlan, Hung, Window
+from processing.layout.plan import HUNG_DOOR, FloorPlan, Hung, Window
 from processing.layout.rules import built_in_rules
 from processing.layout.verify import Judge, Piece
 
@@ -34,10 +35,12 @@ OVER_HEAD_M = 0.14  # a curtain's rod above its window
 OVER_PANE_M, BLIND_M, BLIND_DEEP_M, BLIND_OVER_M = 0.09, 0.18, 0.06, 0.06
 """A blind, drawn up: above its window, of the pane, off the wall; beyond the sides of the window, where glass would be
 seen from aside (chosen)."""
+MOST_DRESSED = 0.5  # share of the windows, of a row and of the room, below which none is dressed (chosen)
 PIER_M, PANEL_M = 0.8, 0.25  # windows as near as this share a rod, and a pier as wide as that has a curtain of its own
 BEFORE_IT_M = 0.9  # from a wall, within which a leaf may stand open and a lamp hides a picture (chosen: a door's width)
 LAMP_M = 0.3  # from a ceiling lamp's middle: nothing new hangs where it is seen before the wall, down to the eye
 APART_M = 0.5  # new pictures keep this far from those that hang there already, which look larger than they were seen
+VARIED = ("plant",)  # of these no two in a room are of one design, as far as there are styles
 Wall = tuple[int, float, float, float, float]  # an edge, start and end along it, bottom and top, metres
 _TABLE = table_of(__package__, "styling")
 Groups = Iterator[list[PlacedItem]]
@@ -50,7 +53,7 @@ def styled(
 
     ``lamps``: x and y, metres, of what hangs on the ceiling (`removal.rests.on_ceiling`); None: not known.
     """
-    room = _Room(one, plan, np.random.default_rng([seed, one.rank]), lamps)
+    room = _Room(one, plan, np.random.default_rng([seed, one.rank]), lamps, style)
     for row in _TABLE["rows"] if level != "none" else ():
         wanted = LEVELS.index(row["level"]) <= LEVELS.index(level) and style not in row.get("but", ())
         if wanted and len(one.items) + len(room.added) < _TABLE["most"]:
@@ -67,6 +70,7 @@ class _Room:
     plan: FloorPlan
     rng: np.random.Generator
     lamps: Sequence[Sequence[float]] | None
+    style: str
     added: list[PlacedItem] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -87,8 +91,11 @@ class _Room:
         name = what.replace(" ", "-")
         taken = {item.id for item in (*self.one.items, *self.added)}
         free = next(n for n in range(1, 99) if f"{name}-s{n}" not in taken)
+        alike = sum(item.category == what for item in (*self.one.items, *self.added)) if what in VARIED else 0
+        other = STYLES[(STYLES.index(self.style) + alike) % len(STYLES)]
+        named = {"id": f"{name}-s{free}", "category": what, "model": f"{what}/{other}/{self.style}" if alike else ""}
         at = (round(x, 6), round(y, 6), round(base, 6))
-        return PlacedItem(id=f"{name}-s{free}", category=what, size_m=(w, d, h), base_m=at[2], theta_rad=theta, t_m=at)
+        return PlacedItem(**named, size_m=(w, d, h), base_m=at[2], theta_rad=theta, t_m=at)
 
     def _pieces(self, *more: PlacedItem) -> list[Piece]:
         standing = (a for a in self.added if a.base_m == 0 and a.category != "curtain")
@@ -130,8 +137,7 @@ class _Room:
     def along(self, edge: int, item: PlacedItem) -> tuple[Doubles, Doubles]:
         """Return places (4,) along an edge and distances (4,) from it of a piece's corners, metres."""
         corner, u, _ = self.plan.edge(edge)
-        offset = outline(item) - corner
-        return offset @ u, offset @ np.array([-u[1], u[0]])
+        return (outline(item) - corner) @ u, (outline(item) - corner) @ np.array([-u[1], u[0]])
 
     def behind(self, item: PlacedItem) -> int | None:
         """Return the wall at which a piece has its back, wherever it was arranged; None where it stands free."""
@@ -173,42 +179,59 @@ def outline(item: PlacedItem, grow_m: float = 0.0) -> Doubles:
 
 
 def _windows(room: _Room, row: Mapping[str, Any]) -> Groups:
-    """Yield curtains of one length and their rod for each row of windows where there is room on both sides, else a
-    blind, drawn up, before the top of each.
-
-    A single curtain looks forgotten, and a rod across a blind or a picture wrong: such windows go without."""
-    wide, deep, _ = row["size"]
+    """Yield what dresses the windows; nothing where most of them would stay bare: one blind of four looks forgotten."""
+    before, dressed, every = len(room.added), 0, 0
     for run in _runs(room.plan):
-        edge, start, end = run[0].edge, run[0].start_m, run[-1].end_m
-        head, sill = max(w.head_m for w in run), min(w.sill_m for w in run)
-        top = min(head + OVER_HEAD_M, room.plan.ceiling_height_m - 2 * AIR_M)
-        if top < head + 0.03 or _covered(room.plan, edge):
-            continue
-        near = AIR_M + 0.001
-        for low, share in ((a, b) for a in (0.02, max(0.02, sill - 0.15), sill) for b in (1.0, 0.8, 0.6)):
-            ends = [(start - near - share * wide, start - near), (end + near, end + near + share * wide)]
-            pair = [(edge, *span, low, top) for span in ends]
-            if all(map(room.free, pair)):
-                piers = [(edge, a.end_m + near, b.start_m - near, low, top) for a, b in pairwise(run)]
-                walls = [*pair, *(wall for wall in piers if wall[2] - wall[1] > PANEL_M and room.free(wall))]
-                made = [room.at_wall("curtain", wall, deep, 0.03) for wall in walls]
-                rod = (edge, ends[0][0] - 0.04, ends[1][1] + 0.04, top - 0.012, top + 0.028)
-                named = [a.model_copy(update={"id": f"{a.id}-{n}"}) for n, a in enumerate(made, start=1)]
-                yield [*named, room.at_wall("curtain rod", rod, 0.03 + deep / 2 + 0.012)]
-                break
-        else:
-            pier = min((b.start_m - a.end_m for a, b in pairwise(run)), default=1.0)
-            found = [_blind(room, window, min(BLIND_OVER_M, max(pier / 2 - 0.01, 0.0))) for window in run]
-            walls = [wall for wall in found if wall is not None]
-            if len(walls) == len(run):
-                made = [room.at_wall("blind", wall, BLIND_DEEP_M, 0.005) for wall in walls]
-                yield [a.model_copy(update={"id": f"{a.id}-{n}"}) for n, a in enumerate(made, start=1)]
+        covered = _covered(room.plan, run[0].edge)
+        made, count = ([], len(run)) if covered else _curtains(room, row, run) or _blinds(room, run)
+        room.added += made  # the next wall's have to be clear of these
+        dressed, every = dressed + count, every + len(run)
+    room.added, made = room.added[:before], room.added[before:]
+    if dressed >= MOST_DRESSED * every:
+        yield made
+
+
+def _curtains(room: _Room, row: Mapping[str, Any], run: Sequence[Window]) -> tuple[list[PlacedItem], int] | None:
+    """Return curtains of one length and their rod, if there is room on both sides, and how many windows they dress.
+
+    A single curtain looks forgotten, and a rod across a blind or a picture wrong."""
+    wide, deep, _ = row["size"]
+    edge, start, end = run[0].edge, run[0].start_m, run[-1].end_m
+    head, sill = max(w.head_m for w in run), min(w.sill_m for w in run)
+    top, near = min(head + OVER_HEAD_M, room.plan.ceiling_height_m - 2 * AIR_M), AIR_M + 0.001
+    if top < head + 0.03:
+        return None
+    for low, share in ((a, b) for a in (0.02, max(0.02, sill - 0.15), sill) for b in (1.0, 0.8, 0.6)):
+        ends = [(start - near - share * wide, start - near), (end + near, end + near + share * wide)]
+        pair = [(edge, *span, low, top) for span in ends]
+        if all(map(room.free, pair)):
+            piers = [(edge, a.end_m + near, b.start_m - near, low, top) for a, b in pairwise(run)]
+            walls = [*pair, *(wall for wall in piers if wall[2] - wall[1] > PANEL_M and room.free(wall))]
+            rod = (edge, ends[0][0] - 0.04, ends[1][1] + 0.04, top - 0.012, top + 0.028)
+            made = _numbered([room.at_wall("curtain", wall, deep, 0.03) for wall in walls])
+            return [*made, room.at_wall("curtain rod", rod, 0.03 + deep / 2 + 0.012)], len(run)
+    return None
+
+
+def _blinds(room: _Room, run: Sequence[Window]) -> tuple[list[PlacedItem], int]:
+    """Return blinds, drawn up, before the tops of windows, and their number; none where most have no room for one."""
+    pier = min((b.start_m - a.end_m for a, b in pairwise(run)), default=1.0)
+    found = [_blind(room, window, min(BLIND_OVER_M, max(pier / 2 - 0.01, 0.0))) for window in run]
+    walls = [wall for wall in found if wall is not None]
+    if len(walls) < MOST_DRESSED * len(run):
+        return [], 0
+    return _numbered([room.at_wall("blind", wall, BLIND_DEEP_M, 0.005) for wall in walls]), len(walls)
+
+
+def _numbered(made: Sequence[PlacedItem]) -> list[PlacedItem]:
+    """Return pieces made at once, which have one id, with a number each."""
+    return [a.model_copy(update={"id": f"{a.id}-{n}"}) for n, a in enumerate(made, start=1)]
 
 
 def _blind(room: _Room, window: Window, over: float) -> Wall | None:
-    """Return where a window's blind hangs, so far over its sides if there is room; None where it has none above it."""
+    """Return where a window's blind hangs, so far over its sides if there is room, else on its frame; None: no room."""
     edge, top = window.edge, window.head_m + OVER_PANE_M
-    for a, b in ((window.start_m - by, window.end_m + by) for by in (over, 0.0)):
+    for a, b in ((window.start_m - by, window.end_m + by) for by in (over, 0.0, -BLIND_OVER_M)):
         if room.free((edge, a + AIR_M, b - AIR_M, window.head_m + AIR_M + 0.001, top)):
             return edge, a, b, window.head_m - BLIND_M, top
     return None
@@ -230,7 +253,7 @@ def _covered(plan: FloorPlan, edge: int) -> bool:
     """Return whether something hangs at a window of a wall above its sill: curtains, or a blind."""
     hung = [h for h in plan.hung if h.edge == edge]
     return any(h.name == "curtain" for h in hung) or any(
-        h.start_m < w.end_m and h.end_m > w.start_m and h.head_m > w.sill_m
+        h.start_m < w.end_m and h.end_m > w.start_m and h.head_m > w.sill_m and h.name != HUNG_DOOR
         for h in hung
         for w in plan.windows
         if w.edge == edge

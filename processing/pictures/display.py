@@ -30,14 +30,15 @@ SPOT_RAD = math.radians(0.7)  # of the white board, averaged for its colour: the
 BRIGHT_SHARE, BRIGHT_LEVEL = 0.75, 0.52
 """Three quarters of the room, windows apart, are darker than this level of the film: light walls are then light, and
 not white. Chosen by looking at simulated and real rooms."""
-VIEW_SHARE, VIEW_LEVEL = 0.8, 0.9  # the same of what is seen through panes
+VIEW_SHARE, VIEW_LEVEL = 0.8, 0.65  # the same of what is seen through panes: brighter, lawns are pale. By looking
 MOST_PULL_STOPS = 6.0  # a photographer's darkest exposure under the room's. Chosen.
 LEAST_VIEW = 0.9  # of the film, from which something in a pane is the view: not the room's light walls. Chosen.
 VIEW_GREEN = 1.25  # green over red from which something in a pane is the view however dark: shaded leaves. By looking
 DAYLIGHT_SHARE = 0.8  # of the camera's own white in that of the view. By looking: 1 turns lawns yellow.
-HIGHLIGHT_STOPS, HIGHLIGHT_EPS = 0.8, 0.2
+HIGHLIGHT_STOPS, HIGHLIGHT_EPS = 0.2, 0.2
 """Of a large highlight the most above 1, and the strength of its edges (squared stops). Chosen by looking."""
-KNEE = 0.55  # of the film: below, light is shown in proportion. Chosen by looking.
+TOE, TOE_END, KNEE = 0.3, 0.15, 0.55
+"""Of the film: by what share the darkest is shown darker, half of it where; above the knee it rolls off. By looking."""
 BAR_STEP, BAR_EVEN, BAR_SET_OFF, BAR_WIDE, STRIP_WIDE = 0.15, 0.8, 0.6, 4, 10
 """Of a bar: steps of log level within a quarter of a degree, the share of its height without larger ones, the share of
 its edges with such, and its width in radii of what edges follow: two degrees; how far a pane goes on beyond its
@@ -162,12 +163,13 @@ class Display:
 
 
 def film(light: Floats) -> Floats:
-    """Return what the film shows, 0 to 1, of light of any shape: in proportion to `KNEE`, then rolled off.
+    """Return what the film shows, 0 to 1, of light of any shape: shadows a little deeper, highlights rolled off.
 
     The roll-off t / (1 + t) goes on with the same slope and never reaches white (Reinhard et al. 2002, eq. 3).
     """
-    above = np.maximum(light - np.float32(KNEE), 0) / np.float32(1 - KNEE)
-    return np.asarray(np.minimum(light, np.float32(KNEE)) + np.float32(1 - KNEE) * above / (1 + above), np.float32)
+    toed = light * (1 - np.float32(TOE) / (1 + np.minimum(light / np.float32(TOE_END), np.float32(1e6)) ** 2))
+    above = np.maximum(toed - np.float32(KNEE), 0) / np.float32(1 - KNEE)
+    return np.asarray(np.minimum(toed, np.float32(KNEE)) + np.float32(1 - KNEE) * above / (1 + above), np.float32)
 
 
 def screen(light: Floats) -> Bytes:
@@ -338,8 +340,8 @@ def _pull(
     By the white of a room, whose light has been on floors and walls, trees are turquoise: ``cast`` (3,) is daylight's.
     A pane's mask is an estimate: of it counts what is nearer to the view's level than to the room's, and its edge
     follows the picture's, in all its colours (guided filter, He et al. 2013). Bars and furniture before a pane thus
-    stay. Of a window's reveal and frame each channel is lowered by half of its stops above what the film shows in
-    proportion, by half the view's at most: white paint beside a view is white, though lit by sky and lawn, with a form.
+    stay. Of a window's reveal and frame each channel is lowered by half of its stops above the film's knee,
+    by half the view's at most: white paint beside a view is white, though lit by sky and lawn, with a form.
     """
     rows = np.flatnonzero(windows[0].any(axis=1))
     top, bottom = max(0, rows[0] // 2 * 2 - 4 * reach), min(len(light), rows[-1] // 2 * 2 + 4 * reach + 2)

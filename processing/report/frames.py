@@ -17,6 +17,7 @@ from processing.ground.polygons import inside
 from processing.ground.room_model import RoomModel
 from processing.layout.arrangement import PlacedItem
 from processing.sphere import Perspective
+from processing.surfaces.maps import wall_ranges
 
 LENSES_MM = (24.0, 20.0, 18.0, 16.0)
 SENSOR_MM = 36.0  # width of full frame, on which lenses are named
@@ -38,6 +39,8 @@ NEAR_WALL, NEAR_WALL_SHARE = 2.0, 0.3
 """Cost of columns with a wall nearer than this share of the farthest corner (chosen)."""
 TALL_M, FILLS, TALL_SHARE, BACK_SHARE, MOST_FILLED = 1.4, 3.0, 0.06, 0.02, 0.2
 """Cost of what pieces so tall, and seats' backs, fill of a picture beyond these shares, up to the last (chosen)."""
+CEILING, MOST_CEILING = 3.0, 0.14
+"""Cost of the share of a picture that the ceiling fills beyond that: rooms are of what stands in them (chosen)."""
 CUT_MAIN, ALONE = 0.6, 1.5  # what it costs more to cut a main piece; what it is worth more in an only frame (chosen)
 MAIN, SEATS = ("bed", "single bed", "sofa", "dining table"), ("chair", "armchair", "sofa")
 ROUND = ("table lamp", "floor lamp", "pendant", "vase", "bowl")
@@ -110,7 +113,7 @@ def frames_of(
     plain = [PLAIN * _plain_share(one, things, room) + cost for one, cost in zip(levels, empty, strict=True)]
     across = [cost + NEAR_WALL * _near_wall_share(one, room) for cost, one in zip(plain, levels, strict=True)]
     own = np.repeat([_composition(one, room) - cost for one, cost in zip(levels, across, strict=True)], len(DROPS))
-    own -= BARE * bare + FILLS * filled
+    own -= BARE * bare + FILLS * filled + CEILING * np.maximum(_ceiling_share(frames, room) - MOST_CEILING, 0)
     spun = [one for one in (*items, *added) if one.category in ROUND]
     eggs = np.array([min(EGG * _stretched(frame, spun, room), MOST_EGG) for frame in frames])
     own -= np.where(bare & (len(spun) > 0), MOST_EGG, eggs)
@@ -256,6 +259,15 @@ def _near_wall_share(frame: Frame, room: RoomModel) -> float:
     away = NEAR_WALL_SHARE * float(np.linalg.norm(floor, axis=1).max())
     azimuth = frame.yaw_rad + np.arctan(np.linspace(-0.95, 0.95, 39) * SENSOR_MM / 2 / frame.lens_mm)
     return 1 - float(inside(floor, away * np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)).mean())
+
+
+def _ceiling_share(frames: Sequence[Frame], room: RoomModel) -> Doubles:
+    """Return the share of each frame (N,) that the ceiling fills."""
+    yaw, lens, drop = np.array([(one.yaw_rad, one.lens_mm, one.drop) for one in frames])[:, :, None].transpose(1, 0, 2)
+    aside, high = np.arctan(np.linspace(-0.95, 0.95, 39) * SENSOR_MM / 2 / lens), SIZE_PX[1] / SIZE_PX[0]
+    away_m = wall_ranges(room.floor, (yaw + aside).ravel())[0].reshape(aside.shape) * np.cos(aside)
+    edge = (room.ceiling_height_m - room.camera_height_m) * lens / (SENSOR_MM / 2) / away_m + 2 * drop * high
+    return np.asarray((np.clip(high - edge, 0, None) / (2 * high)).mean(axis=1))
 
 
 def _composition(frame: Frame, room: RoomModel) -> float:

@@ -74,6 +74,11 @@ class Floor:
         """Return (K, 8) of what hangs on walls, as `windows`."""
         return self._on_walls(self.plan.hung)
 
+    @cached_property
+    def eyes(self) -> Doubles:
+        """Return where cameras stand, (E, 2) metres."""
+        return np.array(self.plan.keep_free, dtype=np.float64).reshape(-1, 2)
+
     def _on_walls(self, windows: Sequence[Window]) -> Doubles:
         rows = []
         for window in windows:

@@ -83,6 +83,8 @@ class Room(NamedTuple):
     """(2,)."""
     hung: Doubles
     """(K, 8): what hangs on walls, likewise."""
+    eyes: Doubles
+    """(E, 2): where cameras stand."""
     stood: Doubles
     """(A, 7): anchors (`steering`) of pieces that stand already."""
 

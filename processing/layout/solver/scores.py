@@ -95,6 +95,13 @@ SLIM_M = 0.2  # half the width of the walker of the score `walk`
 HEAD_ROOM_M = 2.0  # what hangs above this is in nobody's way
 HIDDEN_M = 0.1  # what hangs on a wall may be covered by so much at its lower edge
 ELBOW_M = 0.3  # chosen: a hand's room to reach, clean and see that a nightstand is the bed's; none at half of it
+MAIN = ("bed", "sofa", "dining")  # what a picture of the room is of
+HALF_RAD, NO_HALF_RAD = math.radians(28), math.radians(40)
+"""Half of what a main piece spans from the camera: whole in a picture of a 20 mm lens (84 degrees) with air on both
+sides, and in no picture of the trade (16 mm: 97 degrees)."""
+WHOLE_M, CUT_M = 2.0, 1.2
+"""From the camera to a main piece's nearest corner, seen whole from eye height above a picture's lower edge, and cut
+whatever the lens (chosen by looking)."""
 AT_WALL_M = 0.06  # a head this near to a wall stands at it (chosen: a skirting board)
 
 
@@ -126,6 +133,7 @@ def soft_scores(floor: Floor, placed: Sequence[Stand]) -> dict[str, float]:
         "walk": _ramp(share_in_one_piece(floor.samples.cells2, floor.samples.grid, SLIM_M, solid), 0.9, 1.0),
         "together": _together(placed),
         "elbow": _elbow(placed),
+        "whole": _whole(floor, placed),
     }
     return {name: round(min(1.0, max(0.0, value)), 4) for name, value in found.items() if value is not None}
 
@@ -317,6 +325,19 @@ def _elbow(placed: Sequence[Stand]) -> float | None:
         sides = [(x.min() - u.max(), u.min() - x.max(), y.min() - v.max(), v.min() - y.max()) for u, v in boxes]
         found.append(_ramp(min((max(side) for side in sides), default=ELBOW_M), 0.5 * ELBOW_M, ELBOW_M))
     return float(np.mean(found)) if min(found, default=1.0) < 1 else None
+
+
+def _whole(floor: Floor, placed: Sequence[Stand]) -> float | None:
+    """Return how far main pieces are whole in a picture from where the camera stands; None where it is not known.
+
+    Seen from another place a room would have to be rendered from there: stills are cut from the camera's panorama."""
+    main, found = [s for s in _of(placed, *MAIN) if not s.item.spec.is_rug], []
+    for eye, stand in ((np.array(eye), stand) for eye in floor.plan.keep_free for stand in main):
+        way, corners = np.array([stand.x_m, stand.y_m]) - eye, np.array(stand.corners()) - eye
+        aside = np.arctan2(way[0] * corners[:, 1] - way[1] * corners[:, 0], corners @ way)
+        half_rad, near_m = float(np.ptp(aside)) / 2, float(np.hypot(*corners.T).min())
+        found.append(_ramp(half_rad, NO_HALF_RAD, HALF_RAD) * _ramp(near_m, CUT_M, WHOLE_M))
+    return float(np.mean(found)) if found else None
 
 
 def _together(placed: Sequence[Stand]) -> float | None:

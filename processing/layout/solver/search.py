@@ -183,7 +183,7 @@ class Search:
         no_walk = Walk(Grid(0.0, 0.0, 1.0), np.zeros((1, 1), dtype=np.uint64), self._doors[:0], 0.0, 0.0)
         walk = self._walk(optimistic=optimistic) if paths else no_walk
         middles = np.ascontiguousarray(0.5 * (ways[:, 0] + ways[:, 1]))
-        return Room(walk, middles, floor.windows, floor.middle, floor.hung, self._stood)
+        return Room(walk, middles, floor.windows, floor.middle, floor.hung, floor.eyes, self._stood)
 
     def _walk(self, *, optimistic: bool) -> Walk:
         """Return the path grid of the empty room with what stands fast in it."""

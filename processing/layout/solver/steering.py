@@ -19,6 +19,8 @@ ROLE = {
 }
 BED, SOFA, TV, DESK, SEAT, DINING, NIGHT, TALL, LOW, TABLE, RUGS, SMALL = range(12)
 HUNG_WEIGHT = 2.0  # for each metre of what hangs on a wall that a piece hides: more than a better place elsewhere gains
+NEAR_WEIGHT, NEAR_M, FAR_M = 0.4, 2.0, 3.2
+"""What a main piece loses whose middle is so near to a camera, and from where nothing: no lens shows it whole."""
 RUG_WEIGHT = 3.0  # a rug has nothing else to keep to, and lies in a corner otherwise where the search adds noise
 TALL_TOP_M, LOW_TOP_M = 1.8, 0.8
 """Height of tall and of all other pieces, as far as hiding goes (chosen: wardrobes and shelves; beds and chests)."""
@@ -156,14 +158,24 @@ def hidden(role, spot, hung):  # type: ignore[no-untyped-def]
 
 
 @inner
+def cut_short(spot, eyes):  # type: ignore[no-untyped-def]
+    """Return how far a main piece is too near to cameras (E, 2) to be whole in a picture, 0 to 1."""
+    worst = 0.0
+    for k in range(eyes.shape[0]):
+        worst = max(worst, ramp(np.sqrt((eyes[k, 0] - spot.x) ** 2 + (eyes[k, 1] - spot.y) ** 2), FAR_M, NEAR_M))
+    return worst
+
+
+@inner
 def score_spot(role, spot, room, anchors):  # type: ignore[no-untyped-def]
     """Return the steering score of a spot for a role; `room`: `search.Room`, `anchors` (A, 7)."""
-    return score_role(role, spot, room, anchors) - HUNG_WEIGHT * hidden(role, spot, room.hung)
+    near = NEAR_WEIGHT * cut_short(spot, room.eyes) if role in (BED, SOFA, DINING) else 0.0
+    return score_role(role, spot, room, anchors) - HUNG_WEIGHT * hidden(role, spot, room.hung) - near
 
 
 @inner
 def score_role(role, spot, room, anchors):  # type: ignore[no-untyped-def]
-    """Return it without what the piece hides; `anchors` (A, 7)."""
+    """Return it without what the piece hides, and without the cameras; `anchors` (A, 7)."""
     windows = room.windows
     if role == BED:
         return score_bed(spot, room.door_middles, windows)

@@ -31,7 +31,7 @@ from processing.layout.rules import built_in_rules, read_rules
 from processing.layout.solver.field import Floor, make_field
 from processing.layout.solver.places import make_placed, make_work, places_of
 from processing.layout.solver.poses import Stand, mirrored_plan
-from processing.layout.solver.scores import soft_scores
+from processing.layout.solver.scores import HALF_RAD, WHOLE_M, soft_scores
 from processing.layout.solver.search import Search
 from processing.layout.solver.steering import HUNG_WEIGHT
 from processing.layout.solver.units import Unit, sideways
@@ -134,6 +134,27 @@ def test_a_window_beside_a_bed_is_not_behind_its_head() -> None:
     for edge, score in ((6, 0.0), (2, 0.5)):
         floor = Floor(make_plan(arms, windows=[Window(edge, 0.5, 2.0)]))
         assert soft_scores(floor, [in_arm])["bed_wall"] == score, "walls 2 and 6 lie on one line"
+
+
+def test_a_bed_is_where_the_camera_sees_it_whole() -> None:
+    """By the sphere's geometry: what it spans from the camera, and how near it comes; only where a camera is known."""
+    bed = Item("bed", ITEMS["bed"])
+    corners = [[0, 0], [7, 0], [7, 4], [0, 4]]
+    plan = make_plan(corners, doors=[Door(1, 3.0, 3.9)], keep_free=[(6.0, 2.0)])
+    wide_m, deep_m, _ = bed.spec.size_m
+    scores = []
+    for away_m in (1.2, 2.3, 4.0):  # from the camera to its foot
+        stand = Stand(bed, 6.0 - away_m - deep_m / 2, 2.0, -math.pi / 2, "bed", 3)
+        scores.append(soft_scores(Floor(plan), [stand])["whole"])
+        half_rad = math.atan2(wide_m / 2, away_m)
+        assert scores[-1] == 1 if half_rad < HALF_RAD and away_m > WHOLE_M else scores[-1] < 1
+    assert scores[0] < 0.25 < 0.9 < scores[1] <= scores[2] == 1
+    beside = Stand(bed, 5.0, 3.0, math.pi, "bed", 2)
+    assert soft_scores(Floor(plan), [beside])["whole"] == 0
+    assert "whole" not in soft_scores(Floor(make_plan(corners)), [stand])
+    assert "whole" not in soft_scores(Floor(plan), [Stand(Item("desk", ITEMS["desk"]), 3.0, 0.3, 0.0, "desk", 0)])
+    found = arrange(plan, [bed, Item("desk", ITEMS["desk"])], n=1, seed=3)
+    assert found.arrangements[0].scores["whole"] == 1, "the search knows of it"
 
 
 def test_a_desk_is_not_jammed_against_a_nightstand() -> None:

@@ -10,8 +10,9 @@ import pytest
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement, PlacedItem
 from processing.layout.furniture.bench import STYLES, differing
-from processing.layout.furniture.builtin import checked_size
+from processing.layout.furniture.builtin import checked_size, design_of
 from processing.layout.items import KINDS, ItemSpec, set_items
+from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan import Door, FloorPlan, Hung, Window, make_plan
 from processing.layout.rules import built_in_rules
 from processing.layout.styling import LEVELS, styled
@@ -203,3 +204,29 @@ def test_windows_without_room_for_curtains_get_blinds() -> None:
     assert not blinds(*row, Hung(2, 0.4, 1.0, 0.95, 2.0, "curtain"))
     assert not blinds(*row, high=2.2), "nor where the ceiling begins"
     assert not blinds(Window(0, 0.4, 1.2, 0.9, 2.1)), "nor behind a high shelf"
+    leaf = Hung(2, 0.0, 0.3, 0.1, 2.2, "door")
+    assert len(blinds(*row, leaf)) == 1, "an open door before a window leaves the others theirs"
+    leaf = replace(leaf, end_m=0.19)
+    assert [i.size_m[0] for i in blinds(*row, leaf)] == pytest.approx([1.33, 1.32]), "within the frame it clears a leaf"
+
+
+def test_windows_of_which_most_have_to_stay_bare_all_do() -> None:
+    shelf = PlacedItem(id="shelf", category="bookshelf", size_m=(0.8, 0.3, 2.2), theta_rad=0.0, t_m=(0.7, 0.2, 0.0))
+    one = Arrangement(rank=1, items=(shelf,), score=1.0, scores={}, rule_set="standard")
+    free, behind = Window(2, 1.2, 2.8, 0.9, 2.1), (Window(0, 0.35, 0.65, 0.9, 2.1), Window(0, 0.75, 1.05, 0.9, 2.1))
+    for windows, dressed in (((free, behind[0]), True), ((free, *behind), False)):
+        plan = make_plan(RING, doors=[Door(1, 0.2, 1.1)], windows=windows, ceiling_height_m=2.6)
+        added = styled(one, plan, "scandinavian", "light", 0)
+        assert any("curtain" in item.category for item in added) == dressed
+
+
+def test_no_two_plants_of_a_room_are_of_one_design() -> None:
+    plan = make_plan([[0, 0], [6, 0], [6, 5], [0, 5]], doors=[Door(0, 0.2, 1.1)], ceiling_height_m=2.5)
+    solved = arrange(plan, set_items("bedroom"), n=1).arrangements[0]
+    for style in STYLES:
+        plants = [i for i in (*solved.items, *styled(solved, plan, style, "full", 0)) if i.category == "plant"]
+        models = [i.model if "/" in i.model else f"plant/{style}" for i in plants]
+        assert len(plants) > 1
+        designs = {design_of("plant", model.split("/")[1]) for model in models}
+        assert len(designs) == len(plants)
+        assert all(model in Catalogue.builtin() and style in model for model in models), "in the room's own finish"

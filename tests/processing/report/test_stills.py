@@ -30,6 +30,7 @@ from processing.report.frames import (
     MOST,
     NEAR_M,
     Frame,
+    _ceiling_share,
     _near_wall_share,
     _openings,
     _overfilled,
@@ -43,6 +44,7 @@ from processing.report.frames import (
 from processing.report.stills import _width_px, run
 from processing.sphere import directions
 from processing.stages.parameters import StillsParameters
+from processing.surfaces.maps import wall_ranges
 from tests.once import all_anew, once
 from tests.processing.report.made_up import context, results
 
@@ -123,6 +125,23 @@ def test_a_staged_frame_shows_what_was_staged_though_it_is_near_and_cut() -> Non
     best = frames_of(small, table, 1, 1)[0]
     assert _plain_share(best, _pieces(table), small) < 0.5
     assert _plain_share(frames_of(small, (), 1, 1)[0], _pieces(table), small) > 0.6
+
+
+def test_the_ceiling_does_not_fill_a_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a large low room frames were a third ceiling and more; the share by the sphere's rays."""
+    floor = tuple((2 * x, 2 * y) for x, y in ROOM.floor)
+    low = ROOM.model_copy(update={"ceiling_height_m": 2.4, "camera_height_m": 1.6, "floor": floor})
+    apart = [one.model_copy(update={"t_m": (2 * one.t_m[0], 2 * one.t_m[1], 0.0)}) for one in ITEMS]
+    frames = framing.frames_of(low, apart)
+    for frame in frames:
+        view = frame.view(300)
+        rays = directions(view)[0][-frame.height_px(300) :]
+        away_m = wall_ranges(low.floor, np.arctan2(rays[..., 0], rays[..., 1]).ravel())[0].reshape(rays.shape[:2])
+        seen = rays[..., 2] / np.hypot(rays[..., 0], rays[..., 1]) * away_m > 0.8
+        assert _ceiling_share([frame], low)[0] == pytest.approx(seen.mean(), abs=0.01)
+        assert seen.mean() < 0.16
+    monkeypatch.setattr(framing, "CEILING", 0.0)
+    assert _ceiling_share(framing.frames_of(low, apart), low).min() > 0.3
 
 
 def test_a_table_that_the_camera_stands_by_is_cut_rather_than_left_out() -> None:

@@ -10,10 +10,10 @@ in vec3 position;
 out vec2 place;
 void main() { place = position.xy; gl_Position = vec4(position.xy, 0.0, 1.0); }`;
 
-// The tone curve is `film` of processing/pictures/display.py: in proportion up to KNEE, then rolled off.
+// The tone curve is `film` of processing/pictures/display.py: a toe, in proportion up to KNEE, then rolled off.
 const FRAGMENT = `
 precision highp float;
-const float KNEE = 0.55;
+const float TOE = 0.3, TOE_END = 0.15, KNEE = 0.55;
 uniform sampler2D map;
 uniform vec2 turn, spread;
 uniform float gain;
@@ -39,6 +39,8 @@ void main() {
   vec3 found = textureLod(map, at, 0.0).rgb;
   if (codes) {
     vec3 lit = light(found);
+    vec3 deep = min(lit / TOE_END, 1e6);
+    lit *= 1.0 - TOE / (1.0 + deep * deep);
     vec3 over = max(lit - KNEE, 0.0) / (1.0 - KNEE);
     found = screen(min(lit, KNEE) + (1.0 - KNEE) * over / (1.0 + over));
   }
