@@ -31,6 +31,7 @@ ABOVE_M, EYE_M = 0.18, 1.5
 OVER_TABLE_M, OVER_HEADS_M = 0.75, 2.05
 """Lamps hang this high above a table (usual: 0.7 to 0.8 m), and above the floor at least."""
 OVER_CAMERA_M = 1.0  # from the camera: what hangs nearer above it covers the top of the panorama
+LOOMS_M = 1.5  # from the camera: a vase or lamp nearer stands before half the room
 OVER_HEAD_M = 0.14  # a curtain's rod above its window
 OVER_PANE_M, BLIND_M, BLIND_DEEP_M, BLIND_OVER_M = 0.09, 0.18, 0.06, 0.06
 """A blind, drawn up: above its window, of the pane, off the wall; beyond the sides of the window, where glass would be
@@ -217,9 +218,7 @@ def _blinds(room: _Room, run: Sequence[Window]) -> tuple[list[PlacedItem], int]:
     """Return blinds, drawn up, before the tops of windows, and their number; none where most have no room for one."""
     pier = min((b.start_m - a.end_m for a, b in pairwise(run)), default=1.0)
     found = [_blind(room, window, min(BLIND_OVER_M, max(pier / 2 - 0.01, 0.0))) for window in run]
-    walls = [wall for wall in found if wall is not None]
-    if len(walls) < MOST_DRESSED * len(run):
-        return [], 0
+    walls = [wall for wall in found if wall is not None and len(found) - found.count(None) >= MOST_DRESSED * len(run)]
     return _numbered([room.at_wall("blind", wall, BLIND_DEEP_M, 0.005) for wall in walls]), len(walls)
 
 
@@ -251,17 +250,18 @@ def _runs(plan: FloorPlan) -> Iterator[list[Window]]:
 
 def _covered(plan: FloorPlan, edge: int) -> bool:
     """Return whether something hangs at a window of a wall above its sill: curtains, or a blind."""
-    hung = [h for h in plan.hung if h.edge == edge]
-    return any(h.name == "curtain" for h in hung) or any(
-        h.start_m < w.end_m and h.end_m > w.start_m and h.head_m > w.sill_m and h.name != HUNG_DOOR
-        for h in hung
-        for w in plan.windows
-        if w.edge == edge
-    )
+    at = [w for w in plan.windows if w.edge == edge]
+    for h in plan.hung:
+        before = any(h.start_m < w.end_m and h.end_m > w.start_m and h.head_m > w.sill_m for w in at)
+        if h.edge == edge and (h.name == "curtain" or (before and h.name != HUNG_DOOR)):
+            return True
+    return False
 
 
 def _under(room: _Room, row: Mapping[str, Any]) -> Groups:
     """Yield a rug below a group: before and half under a sofa or bed, all round a table with its chairs."""
+    if any(i.category == "rug" for i in room.one.items):
+        return
     for host in room.hosts(row):
         w, d, _ = host.size_m
         if host.category == "dining table":
@@ -272,8 +272,6 @@ def _under(room: _Room, row: Mapping[str, Any]) -> Groups:
             size, ahead = (w + 0.3, 1.3), d / 2 + 0.35
         else:
             size, ahead = (w + 1.3, 1.7), 0.20 * d
-        if any(i.category == "rug" for i in room.one.items):
-            return
         for share in (1.0, 0.86, 0.74):
             x, y = host.place(0.0, ahead * (0.4 + 0.6 * share))
             rug = room.piece(row["what"], (size[0] * share, size[1] * share, 0.012), x, y, 0.0, host.theta_rad)
@@ -295,6 +293,7 @@ def _on(room: _Room, row: Mapping[str, Any]) -> Groups:
             others = (i for i in (*room.one.items, *room.added) if i.base_m > 0 and abs(i.base_m - top) < 0.3)
             shape = shapely.Polygon(outline(new, 0.01))
             hides = h > 0.2 and any(p.edge == wall and top + h > p.sill_m + BEFORE_M for p in room.plan.windows)
+            hides |= h > 0.3 and any(math.dist(new.t_m[:2], eye) < LOOMS_M for eye in room.plan.keep_free)
             clash = any(shape.intersects(shapely.Polygon(outline(i))) for i in others)
             if min(host.size_m[:2]) > min(w, d) and not hides and not clash:
                 yield [new]

@@ -41,7 +41,7 @@ TALL_M, FILLS, TALL_SHARE, BACK_SHARE, MOST_FILLED = 1.4, 3.0, 0.06, 0.02, 0.2
 """Cost of what pieces so tall, and seats' backs, fill of a picture beyond these shares, up to the last (chosen)."""
 CEILING, MOST_CEILING = 3.0, 0.14
 """Cost of the share of a picture that the ceiling fills beyond that: rooms are of what stands in them (chosen)."""
-CUT_MAIN, ALONE = 0.6, 1.5  # what it costs more to cut a main piece; what it is worth more in an only frame (chosen)
+CUT_MAIN, ALONE = 0.6, 1.5  # what it costs more to cut a main piece; what it is worth more in the first frame (chosen)
 MAIN, SEATS = ("bed", "single bed", "sofa", "dining table"), ("chair", "armchair", "sofa")
 ROUND = ("table lamp", "floor lamp", "pendant", "vase", "bowl")
 EGG, LEAST_EGG, ROUND_SHARE, MOST_EGG = 2.0, 1.1, 0.08, 0.3
@@ -101,7 +101,6 @@ def frames_of(
 
     ``added``: what dresses the room; of it, round things are kept out of the corners of wide pictures."""
     things = _in_sight([*_pieces(items), *_openings(room)], room)
-    things = [replace(one, worth=one.worth + ALONE) if one.main and most == 1 else one for one in things]
     levels = [Frame(math.radians(yaw), mm, 0.0) for yaw in range(-180, 180, 4) for mm in LENSES_MM]
     frames = [replace(level, drop=drop) for level in levels for drop in DROPS]
     seen = np.array([_seen(frame, things, room) for frame in frames])
@@ -118,11 +117,11 @@ def frames_of(
     eggs = np.array([min(EGG * _stretched(frame, spun, room), MOST_EGG) for frame in frames])
     own -= np.where(bare & (len(spun) > 0), MOST_EGG, eggs)
     gain, cut = np.array([(one.worth, one.cut) for one in things]).reshape(-1, 2).T
-    near = np.array([one.main for one in things], bool) & ~(seen == 1).any(axis=0)
-    cut = np.where(near, NEVER_WHOLE * cut, cut)
+    main = np.array([one.main for one in things], bool)
+    cut = np.where(main & ~(seen == 1).any(axis=0), NEVER_WHOLE * cut, cut)
     chosen, shown = list[int](), np.zeros(len(things))
     while len(chosen) < most:
-        again = gain * np.where(shown > 0, AGAIN, 1.0)
+        again = gain * np.where(shown > 0, AGAIN, 1.0) if chosen else gain + ALONE * main
         worth = own + np.where(seen > 0, again, -cut * (seen < 0)).sum(axis=1)
         for k in chosen:
             turned = [abs(math.remainder(one.yaw_rad - frames[k].yaw_rad, 2 * math.pi)) for one in frames]

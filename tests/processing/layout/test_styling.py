@@ -230,3 +230,13 @@ def test_no_two_plants_of_a_room_are_of_one_design() -> None:
         designs = {design_of("plant", model.split("/")[1]) for model in models}
         assert len(designs) == len(plants)
         assert all(model in Catalogue.builtin() and style in model for model in models), "in the room's own finish"
+
+
+def test_a_vase_does_not_stand_before_the_lens() -> None:
+    table = PlacedItem(id="t", category="dining table", size_m=(1.4, 0.8, 0.74), theta_rad=0.0, t_m=(2.3, 2.0, 0.0))
+    one = Arrangement(rank=1, items=(table,), score=1.0, scores={}, rule_set="standard")
+    for eye, stands in (((2.3, 0.9), False), ((2.3, 0.3), True)):
+        plan = make_plan(RING, doors=[Door(1, 0.2, 1.1)], keep_free=[eye], ceiling_height_m=2.6)
+        added = styled(one, plan, "scandinavian", "full", 0)
+        assert any(item.category == "vase" for item in added) == stands
+        assert any(item.category == "bowl" for item in added), "low things may"
