@@ -77,5 +77,6 @@ def _material(look: LookedUp, area_m2: float) -> Material:
         texture=None if look.texture is None else linear_of_srgb(look.texture),
         roughness=look.roughness,
         metallic=look.metallic,
+        creases=look.creases,
         emission_cd_m2=(level * WARM_WHITE[0], level * WARM_WHITE[1], level * WARM_WHITE[2]),
     )

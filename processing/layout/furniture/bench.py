@@ -53,7 +53,8 @@ def material(name: str) -> Material:
     for kind, (picture, size_m, roughness) in _PICTURES.items():
         if kind in row:
             texture = picture(tuple(row[kind]), row)
-            return Material(name, (1.0, 1.0, 1.0), row.get("roughness", roughness), texture=texture, texture_m=size_m)
+            more = {"texture": texture, "texture_m": size_m, "creases": row.get("creases", 0.0)}
+            return Material(name, (1.0, 1.0, 1.0), row.get("roughness", roughness), **more)
     return Material(name, tuple(row["plain"]), row["roughness"], row.get("metallic", 0.0))
 
 

@@ -81,6 +81,8 @@ class Material:
     roughness: float = 1.0
     metallic: float = 0.0
     emission_cd_m2: Vector = BLACK
+    creases: float = 0.0
+    """Slope of creases that the mesh does not have (`solver.sight.crease`), 0: none."""
 
     def __post_init__(self) -> None:
         where = f"material {self.name}"

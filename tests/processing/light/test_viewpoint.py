@@ -12,7 +12,17 @@ from processing.light.picture.render import render
 from processing.light.picture.viewpoint import check_place, seen_from
 from processing.light.scene.scene import plain
 from processing.light.solver.irradiance import Effort
-from processing.light.solver.sight import GLASS, own_pixels, seen_outdoors, sight_of
+from processing.light.solver.sight import (
+    CELLS,
+    FIRST_PART,
+    GLASS,
+    PERIOD_M,
+    crease,
+    crease_slopes,
+    own_pixels,
+    seen_outdoors,
+    sight_of,
+)
 from processing.light.solver.stage import Stage
 from processing.sphere import Equirectangular, Perspective
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
@@ -110,6 +120,40 @@ def test_pixels_of_another_surface_do_not_bleed() -> None:
         assert weight[0] > 0
     _, none = own_pixels(picture, labels, ahead, np.array([7], np.int32))
     assert none[0] == 0
+
+
+def test_creases_lean_the_normals_of_cloth_and_of_nothing_else() -> None:
+    """A level top: normals lean by two thirds of the slopes' square, to all sides; those beside stay as they are."""
+    geometry, normals = Perspective(160, 120, 1.2, pitch_rad=-1.2), []
+    for creases in (0.0, 0.2):
+        parts = (box((0, 0.6, 0.4), (1.6, 1.2, 0.8), creases=creases), box((-1.5, 0.6, 0.4), (1.0, 1.2, 0.8)))
+        sight = sight_of(Stage.of(scene_of(box_room(), uniform_sky()).furnished(parts)), geometry, EYE)
+        top = (sight.label == FIRST_PART) & (np.abs(sight.point[:, 2] - 0.8) < 1e-3)
+        normals.append(sight.normal)
+    smooth, creased = normals
+    assert top.sum() > 5000
+    assert np.array_equal(smooth[top], np.broadcast_to(np.float32([0, 0, 1]), smooth[top].shape))
+    assert np.array_equal(smooth[sight.label != FIRST_PART], creased[sight.label != FIRST_PART])
+    assert np.allclose(np.linalg.norm(creased[top], axis=1), 1, atol=1e-5)
+    slope = creased[top, :2] / creased[top, 2:]
+    assert np.sqrt((slope**2).sum(axis=1).mean()) == pytest.approx(0.2 * np.sqrt(2 / 3), rel=0.25)
+    assert np.abs(slope.mean(axis=0)).max() < 0.05  # cloth is not tilted as a whole
+
+
+def test_creases_are_the_slopes_of_a_height_and_repeat() -> None:
+    slope = crease_slopes().astype(np.float64)
+    assert (slope**2).sum(axis=-1).mean() == pytest.approx(1)
+    turned = np.fft.fftn(slope, axes=(0, 1, 2))
+    waves = np.stack(np.meshgrid(*(np.fft.fftfreq(CELLS),) * 3, indexing="ij"), axis=-1)
+    curl = np.abs(np.cross(waves, turned)).max(axis=-1)[(waves > -0.5).all(axis=-1)]  # the shortest have no direction
+    assert curl.max() < 1e-5 * np.abs(turned).max()
+    point = np.float32([[0.1, -0.3, 0.8], [0.1 + PERIOD_M, -0.3, 0.8], [0.1, -0.3, 0.8]])
+    rays = np.float32([[0, 0, -1], [0, 0, -1], [0, 0, 1]])
+    normal = np.tile(np.float32([0, 0, 1]), (3, 1))
+    crease(point, rays, 0.2, crease_slopes(), np.arange(3), normal)
+    assert np.allclose(normal[0], normal[1], atol=1e-4)
+    assert normal[0, 2] < 1
+    assert normal[2, 2] == 1  # it would lean away from the eye
 
 
 def test_a_panes_cells_are_no_tiles() -> None:
