@@ -26,9 +26,10 @@ DARKENING = 0.7  # of a change's weight where the next row is darker (chosen)
 LOOSE = 0.3  # of its width, by which a board may be wider or narrower
 LONG_RUN, SHORT_RUN = 8.0, 1.5  # widths: along which edges are averaged; the shortest piece
 ODD = 4.0  # robust deviations of tone or colour from which a place is glare, a stain or a thing, and not laid again
-LEAST_RUNS, MOST_TIMES, MARK = 6, 30, 1.5
+LEAST_RUNS, MOST_TIMES, MEAN_LONG, MARK = 6, 30, 3.0, 1.5
 """Pieces, of which short ones are taken too; times that all pieces are laid, from which marks on them are no longer;
-median deviations, which is a mark (chosen)."""
+widths that a texel's piece is long in the mean, below which neither are: a floor of bricks; median deviations, which is
+a mark (chosen; of six real floors of boards one has 2.3, the others 4.1 and more)."""
 MOST_PROFILE = 0.1  # tone across a board without marks, so that no floor has the stripes of its one piece (chosen)
 WHOLE = 0.97  # of a board's width that must be seen (chosen)
 SHADE, SEVERAL = 0.15, 3.0  # widths along and across boards in whose mean several of them change alike (chosen)
@@ -84,7 +85,8 @@ def lay_boards(flat: Floats, known: Flags, hole: Flags, direction: Doubles) -> t
         floor = _floor(tone, seen, size_px, (USUAL_WIDTH, USUAL_WIDTH))
     if not floor.pieces:
         return flat, sure, hole
-    if lack.sum() > MOST_TIMES * sum(last - first for _, first, last in floor.pieces) * floor.width:
+    long = np.array([last - first for _, first, last in floor.pieces]) / floor.width
+    if lack.sum() > MOST_TIMES * long.sum() * floor.width**2 or (long**2).sum() < MEAN_LONG * long.sum():
         _without_marks(floor)
     rng = np.random.default_rng(5)
     for board, (top, end) in enumerate(floor.boards):

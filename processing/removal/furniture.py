@@ -60,10 +60,8 @@ BESIDE_RAD, MOST_BESIDE = math.radians(1.6), 0.5
 (chosen on two real rooms: 0.35 round a door, 0.6 to 0.7 round a wardrobe)."""
 HALVED_SR = 0.03  # segments up to that size go whole (a lamp's shade at two metres: 0.02; chosen)
 MOSTLY_HIDDEN = 0.7  # of an opening, from which it is a part of what hides it (chosen)
-FRAME_RAD, LEAST_FRAME_PX = (
-    math.radians(4),
-    20,
-)  # as wide as a window's frame may be seen; that teaches colours (chosen)
+FRAME_RAD, BAR_RAD, LEAST_FRAME_PX = math.radians(4), math.radians(0.8), 20
+"""As wide as a window's frame may be seen; half as wide as a bar; pixels that teach colours (chosen)."""
 FITTED_LARGE, FITTED, FITTED_FOOT_RAD = 0.3, 0.55, math.radians(4.5)
 """Of the wall below a window, what is fitted there; mean probability of furniture up to which it is (a niche: 0.49;
 chairs and tables there in three rooms: 0.63 and more); above the floor, where skirting is drawn anew (chosen)."""
@@ -185,13 +183,18 @@ def mostly_seen(openings: Flags, mask: Flags) -> Flags:
 
 def frames_seen(mask: Flags, sure: Flags, maps: SurfaceMaps, rgb8: Bytes) -> Flags:
     """Return what (H, W) a ``mask`` (H, W) has of an opening's rim, if it is coloured like the rest of the opening
-    more than like what is for ``sure`` (H, W) before the wall beside it: the network's pixels are wider than frames."""
+    more than like what is for ``sure`` (H, W) before the wall beside it: the network's pixels are wider than frames.
+
+    What is wider than a bar before the middle of a pane is none of its frame: a table's top, a sofa's back."""
     found = np.zeros_like(mask)
     for number in np.unique(maps.opening[maps.opening >= 0]):
         pane = maps.opening == number
         seen, hidden, beside = pane & ~mask, pane & mask, grown(pane, FRAME_RAD) & ~pane & sure
         if seen.sum() > hidden.sum() and min(part.sum() for part in (seen, hidden, beside)) >= LEAST_FRAME_PX:
-            found |= hidden & grown(seen, FRAME_RAD) & (colour_distance(rgb8, seen) < colour_distance(rgb8, beside))
+            alike = hidden & grown(seen, FRAME_RAD) & (colour_distance(rgb8, seen) < colour_distance(rgb8, beside))
+            middle = alike & ~grown(~pane, FRAME_RAD)
+            wide, labels = grown(~grown(~middle, BAR_RAD), BAR_RAD), components(alike)[1]
+            found |= alike & ~np.isin(labels, labels[wide & alike])
     return found
 
 

@@ -111,7 +111,8 @@ class Analysis:
 def analyse(values: Floats, known: Flags, least_ncc: float = 0.0, sizes: Sequence[int] = SEARCH_PX) -> Analysis:
     """Return how the known part of a texture (H, W, 3) repeats; a lattice weaker than ``least_ncc`` is none.
 
-    It is sought on a picture of the first of ``sizes``, and where nothing is found on the next one: mosaic.
+    It is sought on a picture of the first of ``sizes``, and where nothing is found on the next one: mosaic, and joints
+    between boards.
     """
     tone = np.where(known, grey(ToneScale.of(values, known).tone(values)), 0).astype(np.float32)
     factor = min(1.0, sizes[0] / max(tone.shape))
@@ -126,9 +127,10 @@ def analyse(values: Floats, known: Flags, least_ncc: float = 0.0, sizes: Sequenc
     if lattice is not None and lattice.strength >= least_ncc:
         return Analysis(Lattice(lattice.a_px / factor, lattice.b_px / factor, lattice.strength), None)
     line = shifts.find_line(field, inner)
-    if line is None and factor < 1 and len(sizes) > 1:
-        return Analysis(analyse(values, known, least_ncc, sizes[1:]).lattice, None)
-    return Analysis(None, line)
+    if line is not None or len(sizes) == 1:
+        return Analysis(None, line)
+    finer = analyse(values, known, least_ncc, sizes[1:]).lattice if factor < 1 else None
+    return Analysis(finer, None if finer else shifts.find_joints(tone, known))
 
 
 def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import cv2
 import numpy as np
 import numpy.typing as npt
+import pytest
 
 from processing.ground.arrays import Flags, Floats
 from processing.removal.boards import lay_boards
 from processing.removal.illumination import grey
 from processing.removal.near_periodic import Repeat, analyse, complete
+from processing.removal.near_periodic_lattice import find_joints
 
 WIDTH, ALONG = 16, np.array([1.0, 0.0])
 
@@ -97,3 +100,43 @@ def test_of_single_texels_and_of_next_to_nothing_no_boards_are_laid() -> None:
         found, _, left = lay_boards(np.where(known[..., None], tone, 0), known, ~known, slanted)
         assert np.array_equal(left, ~known)
         assert np.isfinite(found).all()
+
+
+def soft_floor(seed: int, joints: bool) -> tuple[Floats, Flags]:
+    """Return a floor in blotchy light, seen in an L; boards, if any, run up, and across at its end: the next room."""
+    rng = np.random.default_rng(seed)
+    light, grain = (rng.normal(0, 1, (640, 640)).astype(np.float32) for _ in range(2))
+    tone = 3.0 * cv2.GaussianBlur(light, (0, 0), 14) + 0.12 * cv2.GaussianBlur(grain, (0, 0), 1.2)
+    for start in range(3, 640, 21) if joints else ():
+        for board in (tone[160:, start : start + 21], tone[:160].T[:, start : start + 21]):
+            board += rng.normal(0, 0.02)
+            board[:, :2] -= 0.09
+    known = np.zeros(tone.shape, bool)
+    known[:420, :260] = known[260:420] = True
+    return np.asarray(0.4 * np.exp(tone)[..., None] * np.array([1.0, 0.8, 0.6]), np.float32), known
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_faint_joints_in_blotchy_light_are_boards(seed: int) -> None:
+    floor, known = soft_floor(seed, joints=True)
+    found = analyse(floor, known)
+    assert found.repeat is Repeat.LINE
+    assert abs(found.line.direction[0]) < np.sin(np.radians(3))
+    hole = ~known
+    assert complete(floor, known, hole, found=found).repeat is Repeat.LINE
+
+
+def test_without_joints_or_with_one_cable_or_with_joints_both_ways_there_are_no_boards() -> None:
+    for seed in (1, 2):
+        floor, known = soft_floor(seed, joints=False)
+        tone = grey(np.log(floor))
+        assert find_joints(tone, known) is None
+        cabled = tone.copy()
+        cabled[:, 100:104] -= 1.0
+        assert find_joints(cabled, known) is None
+        both = tone.copy()
+        both[::64] -= 0.3
+        both[:, ::64] -= 0.3
+        assert find_joints(both, known) is None
+    assert find_joints(tone, np.zeros_like(known)) is None
+    assert find_joints(np.zeros((1, 1), np.float32), np.ones((1, 1), bool)) is None

@@ -120,6 +120,21 @@ def test_a_frame_seen_beside_a_wardrobe_stays_unless_the_wardrobe_is_as_white(wh
     )
 
 
+def test_what_stands_before_the_middle_of_a_pane_is_no_frame_but_a_bar_is() -> None:
+    """A table's top that is as bright as the view, and a bar that the network takes for a part of a sofa."""
+    maps = replace(bare().maps, opening=np.roll(bare().maps.opening, 256, axis=1))
+    pane = maps.opening == 0
+    rows, columns = (np.flatnonzero(pane.any(axis=axis)) for axis in (1, 0))
+    sofa, top, bar = none(), none(), none()
+    sofa[rows[len(rows) // 2] : rows[-1] + 20, columns[-1] + 1 : columns[-1] + 20] = True
+    top[rows[len(rows) // 3] :, columns[4] : columns[len(columns) // 2]] = True
+    bar[rows[0] : rows[-1], columns[-len(columns) // 3] : columns[-len(columns) // 3] + 2] = True
+    shown = np.full((*pane.shape, 3), (150, 130, 110), np.uint8)
+    shown[pane], shown[sofa] = (110, 160, 230), (70, 50, 40)
+    for thing, stays in ((top & pane, 0.0), (bar & pane, 1.0)):
+        assert frames_seen(thing | sofa, sofa, maps, shown)[thing].mean() == stays
+
+
 @pytest.mark.parametrize(("top", "kept"), [(135, True), (147, False)])
 def test_a_low_strip_of_floor_before_a_wall_is_no_next_rooms(top: int, kept: bool) -> None:
     """The wall was estimated too near; a corridor is seen far above the wall's foot."""
