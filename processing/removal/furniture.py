@@ -375,6 +375,14 @@ def boards_between(boards: Flags, removed: Flags) -> Flags:
     return grown(boards & between[labels], TORN_RIM_RAD)
 
 
+def beyond(mask: Flags, passages: Flags) -> Flags:
+    """Return the components of a ``mask`` (H, W) that stand in the next room, as most of their lower ends are seen
+    through ``passages`` (H, W): what one cuts would be left in halves."""
+    count, labels = components(mask)
+    there, ends = lower_ends(labels, grown(passages, TOUCH_RAD), count)
+    return np.asarray((there > ends / 2)[labels])
+
+
 def lower_ends(labels: Int32s, near_floor: Flags, count: int) -> tuple[Indices, Indices]:
     """Return, for each of the components (H, W), how many of its lower ends lie ``near_floor`` (H, W), and how many
     there are."""

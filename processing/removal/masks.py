@@ -144,6 +144,7 @@ def _find(
     tripod = replace(alone := find_tripod(chances, shown, maps.plane == FLOOR), mask=alone.mask | board)
     doors, least = _openings(room, maps, OpeningKind.DOOR), HUNG if known.two_networks else BLOCKED
     furniture = pieces.find_furniture(chances, maps, shown, doors=doors, whole=known.two_networks, reach_m=seen[0])
+    furniture = _without(furniture, pieces.beyond(furniture.mask, _openings(room, maps, OpeningKind.PASSAGE)))
     others = chances[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     fixtures = chances[SceneClass.FIXTURE] > np.clip(SURELY * chances[SceneClass.FURNITURE], least, BLOCKED)
     fitted = known.two_networks & pieces.fitted_below_windows(furniture.mask, chances[SceneClass.FURNITURE], maps)

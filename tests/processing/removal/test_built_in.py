@@ -12,7 +12,7 @@ import pytest
 from processing.ground.arrays import Flags
 from processing.ground.seam import grown, resized, summed
 from processing.pictures.preview import preview_rgb8
-from processing.removal.furniture import ajar, doors_in, fitted_below_windows, frames_seen, mostly_seen
+from processing.removal.furniture import ajar, beyond, doors_in, fitted_below_windows, frames_seen, mostly_seen
 from processing.removal.masks import Masks, _next_floor, find_masks
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import FIRST_WALL, FLOOR
@@ -205,3 +205,14 @@ def test_a_sliver_between_what_goes_goes_though_it_hangs_together_with_a_picture
     tail = hangs & (rows > 265) & (rows < 320)
     assert found.target[tail].mean() > 0.95 if goes else found.target[tail].mean() < 0.1
     assert not found.target[hangs & (rows < 238)].any(), "what is above stays"
+
+
+def test_what_stands_in_the_next_room_is_left_whole() -> None:
+    passage, inside, before, beside = none(), none(), none(), none()
+    passage[100:160, 100:140] = True
+    inside[120:158, 110:144] = True  # cut by the passage's side
+    before[130:175, 200:230], beside[110:170, 60:102] = True, True
+    assert np.array_equal(beyond(inside | before | beside, passage), inside)
+    passage[100:160, 190:240] = True
+    assert np.array_equal(beyond(inside | before | beside, passage), inside), "it stands before the other"
+    assert not beyond(none(), passage).any()
