@@ -35,6 +35,10 @@ SURE = 0.35  # confidence under which what was filled is called synthesised
 LAG = 6  # of the columns of a frame, by which two are apart that are compared (chosen)
 BESIDE_WINDOW_M = 0.25  # where edges are its frame's and its reveal's (chosen by looking at two real rooms)
 STRIP_M, STRIP_PX = 0.25, 3.0  # beside the hole, of which a column's tone is the mean; at least (chosen)
+RIM_M, RIM_PX = (
+    0.06,
+    2,
+)  # beside what hid it, as wide as masks err (two of their pixels at five metres); at least (chosen)
 COLUMNS_SEEN = 0.1  # of those of a row and the one above it, from which they say how columns change there (chosen)
 ENOUGH = 0.2  # of that change (squared), which a column must be seen in to say whether it goes with the others (chosen)
 RAIL_SEEN = 0.25  # of a row of a frame's head or sill, or of a column of its side, from which it is seen (chosen)
@@ -57,12 +61,15 @@ def hanging(
 
     They become darker or brighter from row to row as those do that are seen there, as far as they do so where they are
     seen themselves: a curtain's hem runs on, a frame beside a pane does not change. ``even``: nothing does. A column of
-    which nothing is known is as those beside it."""
+    which nothing is known is as those beside it. Nothing is learnt from the hole's rim, where masks end too early."""
     scale, rows = ToneScale.of(values, known), np.arange(len(known))[:, None]
     tall = 2 * round(max(strip_m * px_per_m, STRIP_PX) / 2) + 1
-    share = cv2.blur(known.astype(np.float32), (1, tall))[..., None]
     seen_tone = scale.tone(values)
     profile = np.zeros_like(seen_tone) if even else _downwards(seen_tone, known, (known | hole).any(axis=0).sum())
+    rim = np.ones((2 * max(RIM_PX, round(RIM_M * px_per_m)) + 1, 1), np.uint8)
+    clear = known & (cv2.dilate(hole.astype(np.uint8), rim) == 0)
+    known = clear | (known & ~clear.any(axis=0))
+    share = cv2.blur(known.astype(np.float32), (1, tall))[..., None]
     tone = cv2.blur(np.where(known[..., None], seen_tone - profile, 0).astype(np.float32), (1, tall))
     above = np.maximum.accumulate(np.where(known, rows, -len(rows)), axis=0)
     below = np.minimum.accumulate(np.where(known, rows, 2 * len(rows))[::-1], axis=0)[::-1]

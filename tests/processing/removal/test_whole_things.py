@@ -385,6 +385,19 @@ def test_a_curtain_goes_on_as_it_hangs() -> None:
     np.testing.assert_allclose(done, curtain, rtol=0.05)
 
 
+def test_what_hangs_does_not_go_on_as_the_rim_of_what_hid_it() -> None:
+    """A mask ends a few centimetres too low: the sofa's edge is still seen there."""
+    folds = np.where(np.arange(40) % 8 < 4, np.float32(0.6), np.float32(0.3))
+    curtain = np.broadcast_to(folds[:, None], (120, 40, 3)).astype(np.float32)
+    hole = np.zeros((120, 40), bool)
+    hole[60:] = True
+    seen = np.where(hole[..., None], 0, curtain).astype(np.float32)
+    seen[57:60] = (0.05, 0.25, 0.1)
+    done = hanging(seen, ~hole, hole, 100.0, even=True, strip_m=0.05)
+    np.testing.assert_allclose(done[hole], curtain[hole], rtol=0.02)
+    np.testing.assert_array_equal(done[~hole], seen[~hole])
+
+
 def test_a_piece_of_skirting_that_stands_on_furniture_goes_and_one_on_the_floor_stays() -> None:
     boards, bed = np.zeros((2, 180, 360), bool)
     boards[110:114, 40:80] = boards[110:114, 140:240] = True
