@@ -59,6 +59,8 @@ BESIDE_RAD, MOST_BESIDE = math.radians(1.6), 0.5
 """How far around the upper half of a door is looked; share of furniture there from which it is a wardrobe's front
 (chosen on two real rooms: 0.35 round a door, 0.6 to 0.7 round a wardrobe)."""
 HALVED_SR = 0.03  # segments up to that size go whole (a lamp's shade at two metres: 0.02; chosen)
+THING_SEGMENTS, THING_PX = 60.0, 12  # threshold and least size of its segments of colour: a lamp's pole is one (chosen)
+HALF, HALF_SR = 0.5, 0.01  # of a segment on a wall, from which the rest goes too; its largest size (chosen)
 MOSTLY_HIDDEN = 0.7  # of an opening, from which it is a part of what hides it (chosen)
 FRAME_RAD, BAR_RAD, LEAST_FRAME_PX = math.radians(4), math.radians(0.8), 20
 """As wide as a window's frame may be seen; half as wide as a bar; pixels that teach colours (chosen)."""
@@ -254,6 +256,18 @@ def halved(mask: Flags, things: Floats, rgb8: Bytes) -> Flags:
     labels = segments(rgb8.tobytes(), rgb8.shape, SEGMENTS[0], SEGMENT_PX)
     size, taken, likely = summed(labels, 1, mask, things)
     return np.asarray(((size < HALVED_SR) & (taken > MOSTLY_HIDDEN * size) & (likely > size / 2))[labels], bool)
+
+
+def halves_on_walls(gone: Flags, rgb8: Bytes, stays: Flags) -> Flags:
+    """Return the rest (H, W) of small segments of colour on walls that what is ``gone`` (H, W) has most of: the tip of
+    a branch would hang in the air.
+
+    ``rgb8`` (H, W, 3): sRGB; ``stays`` (H, W): what is no wall, or the room's own.
+    """
+    labels = segments(rgb8.tobytes(), rgb8.shape, THING_SEGMENTS, THING_PX)
+    size, goes = summed(labels, 1, gone)
+    small = (size < HALF_SR) & (goes > HALF * size)
+    return np.asarray(small[labels] & ~gone & ~stays)
 
 
 def with_seen_floor(probabilities: Floats, floor_rad: Doubles, rgb8: Bytes) -> Floats:

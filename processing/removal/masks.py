@@ -174,6 +174,7 @@ def _find(
     rests |= torn_glare(gone | rests, rgb, (maps.plane == FLOOR) & ~(gone | rests | bar))
     no_wall = boards | (other & ~fitted) | grown(openings & ~fitted, 2 * pieces.SILL_RAD)
     rests |= crumbs_on_walls(gone | rests, rgb, maps, no_wall, fitted)
+    rests |= pieces.halves_on_walls(gone | rests, shown, no_wall | (maps.plane < FIRST_WALL))
     rests |= (grown(rests, MARGIN_RAD) & ~bar) | (grown(rests, 2 * MARGIN_RAD) & fitted) | (slivers & ~no_wall)
     plain, hangs = plain | rests, hangs & ~rests
     shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)

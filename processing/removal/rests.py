@@ -11,7 +11,7 @@ from scipy import ndimage
 from processing.ground.arrays import Bytes, Flags, Floats, Int32s
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import components, grown, resized, row_solid_angles, spanned, summed
-from processing.removal.furniture import SEGMENT_BLUR, TOUCH_RAD, segments
+from processing.removal.furniture import SEGMENT_BLUR, THING_PX, THING_SEGMENTS, TOUCH_RAD, segments
 from processing.removal.illumination import known_mean
 from processing.segmentation.evidence import SceneClass
 from processing.sphere import Equirectangular
@@ -20,7 +20,6 @@ from processing.surfaces.textures import texel_places, unwrap
 
 THING_RAD = (math.radians(22), math.radians(14))
 """Height and width of the largest thing that stands on furniture, or lies beside it (chosen)."""
-THING_SEGMENTS, THING_PX = 60.0, 12  # threshold and least size of its segments of colour: a lamp's pole is one (chosen)
 THING_CONTRAST, LYING_CONTRAST = 18.0, 36.0
 """Distance in CIE L*a*b* (8-bit) of its colour from what is around; on the floor, whose boards differ too (chosen)."""
 LAYERS = 3  # of things on things (chosen)

@@ -1,11 +1,14 @@
 """What goes beside removed furniture: slits, legs, cables, deep shade, shards of walls; and what stays."""
 
+import math
+
 import numpy as np
 import pytest
 
 from processing.ground.arrays import Flags, Floats
 from processing.ground.seam import grown
 from processing.pictures.images import luminance_cd_m2
+from processing.removal.furniture import halves_on_walls
 from processing.removal.rests import on_ceiling, rests_beside, torn_glare, whole_boards
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import CEILING, FLOOR
@@ -157,3 +160,18 @@ def test_a_ceiling_is_bare_without_lamp_joints_or_detector_whatever_its_light() 
     cornice = light.copy()
     cornice[(MAPS.plane == CEILING) & grown(MAPS.plane != CEILING, 0.04)] *= 0.6
     assert on_ceiling(ROOM, cornice.astype(np.float32)) == []
+
+
+@pytest.mark.parametrize(("cut", "goes"), [(0.7, True), (0.3, False)])
+def test_the_rest_of_a_small_thing_on_a_wall_goes_with_most_of_it(cut: float, goes: bool) -> None:
+    """A bracket below a shelf: of what is mostly seen, nobody says that it goes."""
+    picture = np.full((512, 1024, 3), 200, np.uint8)
+    bracket, gone = np.zeros((2, 512, 1024), bool)
+    bracket[210:240, 300:306] = True
+    picture[bracket] = (150, 90, 40)
+    gone[190 : 210 + round(30 * cut), 250:360] = True
+    tip, none = bracket & ~gone, np.zeros_like(gone)
+    found = halves_on_walls(gone, picture, none)
+    assert found[tip].mean() == pytest.approx(float(goes), abs=0.2)
+    assert not found[~grown(bracket, math.radians(2))].any(), "the wall stays"
+    assert not (halves_on_walls(gone, picture, bracket) & bracket).any(), "what stays, stays"
