@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from processing.ground.arrays import Bytes, Doubles, Flags, Floats, Indices, Int32s
-from processing.ground.seam import components, grown, resized, row_latitudes, smoothed, spanned, summed, wrapped
+from processing.ground.seam import components, grown, resized, row_latitudes, smoothed, summed, wrapped
 from processing.removal.edges import SURE, colour_distance, snapped, surface_outliers
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, SurfaceMaps
@@ -79,10 +79,6 @@ part is none (a wardrobe's doors have 0.32; doors, mirrors and curtains of seven
 SKIRTING_SHARE, SKIRTING_SLACK_RAD = 0.14, math.radians(1.2)
 """Of the camera's height, as high as skirting may be; error of the floor's boundary against it (chosen)."""
 SKIRTING_LONG_RAD = math.radians(4)  # shorter strips along a wall's foot are things (chosen)
-TORN, TORN_RIM_RAD, TORN_END_RAD, MOST_TORN_RAD = 0.4, math.radians(0.6), math.radians(4), math.radians(25)
-"""Share of the foot of a piece of skirting that furniture hides; how much too small the network sees it; how near to
-what is removed both of its ends are: the network sees it too short; longer pieces show how skirting looks, and stay
-(chosen)."""
 
 
 @dataclass(frozen=True)
@@ -187,14 +183,14 @@ def frames_seen(mask: Flags, sure: Flags, maps: SurfaceMaps, rgb8: Bytes) -> Fla
     """Return what (H, W) a ``mask`` (H, W) has of an opening's rim, if it is coloured like the rest of the opening
     more than like what is for ``sure`` (H, W) before the wall beside it: the network's pixels are wider than frames.
 
-    What is wider than a bar before the middle of a pane is none of its frame: a table's top, a sofa's back."""
-    found = np.zeros_like(mask)
+    What is wider than a bar before the middle of a pane, or its foot on the floor, is none: a table's top, a sofa."""
+    found, bare = np.zeros_like(mask), (maps.plane >= FIRST_WALL) & (maps.opening < 0)
     for number in np.unique(maps.opening[maps.opening >= 0]):
         pane = maps.opening == number
         seen, hidden, beside = pane & ~mask, pane & mask, grown(pane, FRAME_RAD) & ~pane & sure
         if seen.sum() > hidden.sum() and min(part.sum() for part in (seen, hidden, beside)) >= LEAST_FRAME_PX:
             alike = hidden & grown(seen, FRAME_RAD) & (colour_distance(rgb8, seen) < colour_distance(rgb8, beside))
-            middle = alike & ~grown(~pane, FRAME_RAD)
+            middle = alike & ~grown(bare, FRAME_RAD)
             wide, labels = grown(~grown(~middle, BAR_RAD), BAR_RAD), components(alike)[1]
             found |= alike & ~np.isin(labels, labels[wide & alike])
     return found
@@ -364,29 +360,6 @@ def islands_in(mask: Flags, never: Flags, most_sr: float = ISLAND_SR) -> Flags:
     size, barred = summed(labels, 1, never)
     small = (size < most_sr) & (barred < size / 2)
     return np.asarray(small[labels] & ~mask, bool)
-
-
-def torn_boards(boards: Flags, removed: Flags, below_rad: float) -> Flags:
-    """Return pieces of skirting (H, W), with their rim, that have most of their foot on or just above what is
-    ``removed`` (H, W): they would be left torn where others are drawn anew."""
-    down = np.ones((math.ceil(below_rad / math.pi * len(boards)) + 1, 1), np.uint8)
-    below = cv2.dilate(removed.astype(np.uint8), down, anchor=(0, 0)).astype(bool)
-    count, labels = components(boards)
-    near, ends = lower_ends(labels, below, count)
-    return grown(boards & (near > TORN * ends)[labels], TORN_RIM_RAD)
-
-
-def boards_between(boards: Flags, removed: Flags) -> Flags:
-    """Return short pieces of skirting (H, W), with their rim, with what is ``removed`` (H, W) at both ends."""
-    count, labels = components(boards)
-    beside, between = grown(removed, TORN_END_RAD), np.zeros(count + 1, bool)
-    for label in range(1, count + 1):
-        part = labels == label
-        columns = spanned(part)[1]
-        first, last = (beside[:, end][part[:, end]].any() for end in (columns[0], columns[-1]))
-        long_rad = np.ptp(columns) * 2 * math.pi / part.shape[1]
-        between[label] = first and last and SKIRTING_LONG_RAD < long_rad < MOST_TORN_RAD
-    return grown(boards & between[labels], TORN_RIM_RAD)
 
 
 def beyond(mask: Flags, passages: Flags) -> Flags:

@@ -19,7 +19,7 @@ from processing.removal.edges import at_full_size
 from processing.removal.furniture import FurnitureFound
 from processing.removal.rests import SLIT_RAD, crumbs_on_walls, rests_beside, torn_glare, whole_boards, with_things
 from processing.removal.shadows import ShadowFound, find_plain_shade, find_shadows
-from processing.removal.skirting import SEEN_SHARE
+from processing.removal.skirting import SEEN_SHARE, boards_between, torn_boards
 from processing.removal.sunlight import LEAST_PX, SURE_RATIO, SunFound, find_sunlight
 from processing.removal.tripod import TripodFound, find_tripod, meter_board
 from processing.segmentation.evidence import BEYOND, SceneClass, SceneEvidence
@@ -36,15 +36,14 @@ BELOW_RAD, MOST_ENDS, STANDING_SR, FRAME_RAD = math.radians(2.5), 0.4, 0.15, mat
 """Fixtures of at most that size stand on furniture that is so near below so much of their lower edge; the network sees
 them by so much too small (chosen by looking at furnished real rooms)."""
 CRUMB_SR, CRUMB_PX = 2e-3, 16
-"""Of what stays on a wall of which all around is removed: larger is a picture (chosen); pixels of the working size, for
-what it does not see (chosen)."""
+"""Of what stays on a wall that is removed all around: larger is a picture; pixels that this size misses (chosen)."""
 LIT, CENTRED, SHADE_SR = 20.0, 0.15, 0.03
-"""Of 8-bit sRGB, by which a lamp's shade is brighter than what is around; of its width, how far from its middle its
-pole is; largest size (chosen by looking as those above)."""
+"""Of 8-bit sRGB, by which a lamp's shade outshines what is around; of its width, how far from its middle its pole is;
+largest size (chosen by looking as those above)."""
 HALL_RAD = math.radians(4)  # above a wall's foot, as far as the next room's floor is seen; less is this one's (chosen)
 SURE = 0.8
-"""Probability of furniture from which it is no sun on what is behind, though it has that colour. Chosen on a validation
-room: of its furniture in the sun 3 % are taken for sunlit floor, not 10; with 0.7 patches of sun are missed."""
+"""Probability of furniture from which it is no sun on what is behind, though it has that colour (chosen on a validation
+room: 3 % of its furniture in the sun are taken for sunlit floor, not 10; with 0.7 patches are missed)."""
 HUNG, SURELY = 0.35, 3.0  # probability of fixtures, and times that of furniture, from which they are there (chosen)
 STEP_PX, STEP_SHARE = 0.7, 0.45
 """Working pixels by which an enlarged mask is smoothed, and share from which it is one: lines stay (chosen)."""
@@ -122,6 +121,11 @@ class _Known:
     meter_target: tuple[float, float] | None
     two_networks: bool
 
+    @property
+    def hung(self) -> float:
+        """Return the least probability of fixtures."""
+        return HUNG if self.two_networks else BLOCKED
+
 
 @dataclass(frozen=True)
 class _Found:
@@ -140,13 +144,12 @@ def _find(
 ) -> _Found:
     """Find all masks; ``seen``: the distances (m) of what is seen, if known, and where skirting is, (H, W) each."""
     shown, geometry, luminance = preview_rgb8(rgb), Equirectangular(rgb.shape[1], rgb.shape[0]), luminance_cd_m2(rgb)
-    board, stand = _board(rgb, known.meter_target, room, maps)
-    tripod = replace(alone := find_tripod(chances, shown, maps.plane == FLOOR), mask=alone.mask | board)
-    doors, least = _openings(room, maps, OpeningKind.DOOR), HUNG if known.two_networks else BLOCKED
+    meter, doors = _board(rgb, known.meter_target, room, maps), _openings(room, maps, OpeningKind.DOOR)
+    tripod = replace(alone := find_tripod(chances, shown, maps.plane == FLOOR), mask=alone.mask | meter[0])
     furniture = pieces.find_furniture(chances, maps, shown, doors=doors, whole=known.two_networks, reach_m=seen[0])
     furniture = _without(furniture, pieces.beyond(furniture.mask, _openings(room, maps, OpeningKind.PASSAGE)))
     others = chances[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
-    fixtures = chances[SceneClass.FIXTURE] > np.clip(SURELY * chances[SceneClass.FURNITURE], least, BLOCKED)
+    fixtures = chances[SceneClass.FIXTURE] > np.clip(SURELY * chances[SceneClass.FURNITURE], known.hung, BLOCKED)
     fitted = known.two_networks & pieces.fitted_below_windows(furniture.mask, chances[SceneClass.FURNITURE], maps)
     hall = _next_floor(chances, maps, shown) | fitted
     likely = others | (known.two_networks & pieces.doors_in(chances, maps))
@@ -158,14 +161,14 @@ def _find(
     furniture, boards = _beside_boards(furniture, seen[1], openings)
     sunlight = _sun(rgb, luminance, room, maps, known, (furniture.mask, tripod.mask, chances), others | fixtures)
     hung = known.two_networks & _hung(fixtures & ~furniture.mask, chances, shown)
-    furniture = _without(furniture, sunlight.mask | board | hall | hung)
+    furniture = _without(furniture, sunlight.mask | meter[0] | hall | hung)
     hidden, other = furniture.mask | tripod.mask, tripod.mask | sunlight.mask | openings | fixtures
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
     plain, hangs = find_plain_shade(rgb, room, geometry, hidden, other & ~hidden)
     slivers = hangs & ~(fixtures | grown(~grown(hidden | plain | shadow.contact, SLIT_RAD), SLIT_RAD))  # of what goes
     hangs |= (boards | grown(openings, pieces.SILL_RAD)) & ~grown(furniture.mask, 2 * MARGIN_RAD)  # else crumbs stay
     hangs |= pieces.completed(fixtures & ~hidden, chances[SceneClass.FIXTURE], shown)
-    hangs &= ~(torn := pieces.boards_between(boards, furniture.mask | plain) & ~openings)
+    hangs &= ~(torn := boards_between(boards, furniture.mask | plain) & ~openings)
     stays = hangs | tripod.mask | sunlight.mask | (seen[0] is not None and seen[0] > BEYOND * maps.depth_m)
     kept = barred | stays | grown(fixtures & ~hidden, 1.5 * pieces.TOUCH_RAD)  # a curtain's edge is no thing
     plain |= _rests(furniture.mask, (shadow.contact & ~hangs) | plain, torn, shown, maps, kept)
@@ -178,8 +181,7 @@ def _find(
     rests |= (grown(rests, MARGIN_RAD) & ~bar) | (grown(rests, 2 * MARGIN_RAD) & fitted) | (slivers & ~no_wall)
     plain, hangs = plain | rests, hangs & ~rests
     shadow = replace(shadow, mask=(shadow.mask & ~hangs) | plain, contact=(shadow.contact & ~hangs) | plain)
-    notes = _notes(furniture, tripod, sunlight, shadow, (board, stand))
-    return _Found(furniture, tripod, sunlight, shadow, panes, hangs, notes)
+    return _Found(furniture, tripod, sunlight, shadow, panes, hangs, _notes(furniture, tripod, sunlight, shadow, meter))
 
 
 def _hung(fixtures: Flags, chances: Floats, shown: Bytes) -> Flags:
@@ -236,7 +238,7 @@ def _rests(furniture: Flags, contact: Flags, torn: Flags, shown: Bytes, maps: Su
 
 def _beside_boards(found: FurnitureFound, boards: Flags, openings: Flags) -> tuple[FurnitureFound, Flags]:
     """Return furniture without the ``boards`` of skirting (H, W), but with torn ones; and the boards that stay."""
-    torn = pieces.torn_boards(boards, found.mask & ~boards, BELOW_RAD) & ~openings
+    torn = torn_boards(boards, found.mask & ~boards, BELOW_RAD) & ~openings
     stays = boards & ~torn
     return _with(_without(found, stays), torn), stays
 

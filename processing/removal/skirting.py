@@ -3,11 +3,13 @@
 import math
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats, weighted_median
 from processing.ground.room_model import RoomModel
-from processing.ground.seam import resized
+from processing.ground.seam import components, grown, resized, spanned
+from processing.removal.furniture import SKIRTING_LONG_RAD, lower_ends
 from processing.removal.illumination import ToneScale, grey
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import FIRST_WALL, planes_of
@@ -181,3 +183,34 @@ def _profile(texture: Texture, mixed: int) -> tuple[Floats, int, Floats] | None:
     found[:mixed] = found[min(mixed, rows - 1)]
     paint = np.log(np.maximum(np.median(texture.values[top:low, whole], axis=(0, 1)), 1e-6))
     return found, int(whole.sum()), paint.astype(np.float32)
+
+
+# Boards that furniture hides in part would be left torn where others are drawn anew: such pieces go with it.
+
+TORN, TORN_RIM_RAD, TORN_END_RAD, MOST_TORN_RAD = 0.4, math.radians(0.6), math.radians(4), math.radians(25)
+"""Share of the foot of a piece of skirting that furniture hides; how much too small the network sees it; how near to
+what is removed both of its ends are: the network sees it too short; longer pieces show how skirting looks, and stay
+(chosen)."""
+
+
+def torn_boards(boards: Flags, removed: Flags, below_rad: float) -> Flags:
+    """Return pieces of skirting (H, W), with their rim, that have most of their foot on or just above what is
+    ``removed`` (H, W): they would be left torn where others are drawn anew."""
+    down = np.ones((math.ceil(below_rad / math.pi * len(boards)) + 1, 1), np.uint8)
+    below = cv2.dilate(removed.astype(np.uint8), down, anchor=(0, 0)).astype(bool)
+    count, labels = components(boards)
+    near, ends = lower_ends(labels, below, count)
+    return grown(boards & (near > TORN * ends)[labels], TORN_RIM_RAD)
+
+
+def boards_between(boards: Flags, removed: Flags) -> Flags:
+    """Return short pieces of skirting (H, W), with their rim, with what is ``removed`` (H, W) at both ends."""
+    count, labels = components(boards)
+    beside, between = grown(removed, TORN_END_RAD), np.zeros(count + 1, bool)
+    for label in range(1, count + 1):
+        part = labels == label
+        columns = spanned(part)[1]
+        first, last = (beside[:, end][part[:, end]].any() for end in (columns[0], columns[-1]))
+        long_rad = np.ptp(columns) * 2 * math.pi / part.shape[1]
+        between[label] = first and last and SKIRTING_LONG_RAD < long_rad < MOST_TORN_RAD
+    return grown(boards & between[labels], TORN_RIM_RAD)

@@ -120,6 +120,26 @@ def test_a_frame_seen_beside_a_wardrobe_stays_unless_the_wardrobe_is_as_white(wh
     )
 
 
+@pytest.mark.parametrize("to_floor", [False, True])
+def test_the_edge_of_a_sofa_before_curtains_is_no_frame_of_theirs(to_floor: bool) -> None:
+    """It has the colours of the curtains in the rest of the pane, not of the cushions beside it."""
+    rows, columns = np.arange(256)[:, None], np.arange(512)
+    across = (columns > 190) & (columns < 250)
+    pane = (rows > 100) & (rows < 150) & across
+    if to_floor:
+        pane |= (rows >= 150) & (bare().maps.plane >= FIRST_WALL) & across
+    maps = replace(bare().maps, opening=np.where(pane, 0, -1).astype(bare().maps.opening.dtype))
+    sofa = (rows > (140 if to_floor else 125)) & (rows < 190) & (columns > 210) & (columns < 275)
+    shown = np.full((*pane.shape, 3), (150, 130, 110), np.uint8)
+    shown[pane], shown[sofa] = (110, 160, 230), (70, 50, 40)
+    edge = sofa & pane & grown(~sofa, math.radians(2))
+    shown[edge] = (110, 160, 225)
+    seen = frames_seen(sofa, sofa, maps, shown)
+    middle = (columns > 215) & (columns < 242)
+    assert (edge & middle).sum() > 50
+    assert not (seen & middle & (rows < 145 if not to_floor else rows > 0)).any()
+
+
 def test_what_stands_before_the_middle_of_a_pane_is_no_frame_but_a_bar_is() -> None:
     """A table's top that is as bright as the view, and a bar that the network takes for a part of a sofa."""
     maps = replace(bare().maps, opening=np.roll(bare().maps.opening, 256, axis=1))

@@ -11,9 +11,10 @@ import pytest
 from processing.ground.arrays import Bytes, Flags
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import spanned
-from processing.removal.furniture import boards_between, completed, segments, staying
+from processing.removal.furniture import completed, segments, staying
 from processing.removal.masks import Masks, find_masks
 from processing.removal.rests import crumbs_on_walls, with_things
+from processing.removal.skirting import boards_between
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import CEILING, FLOOR, SurfaceMaps
 from tests.processing.removal.painted_room import Painted, evidence_of, iou, paint

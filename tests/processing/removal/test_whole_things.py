@@ -8,17 +8,12 @@ import numpy as np
 
 from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import Opening, OpeningKind
-from processing.removal.furniture import (
-    FurnitureFound,
-    boards_between,
-    find_furniture,
-    torn_boards,
-    without_skirting,
-)
+from processing.removal.furniture import FurnitureFound, find_furniture, without_skirting
 from processing.removal.masks import CRUMB_SR, _at, _rests, _with_things, with_islands
 from processing.removal.plane_fill import _opening, _seen_of_frame, fill_plane, hanging
 from processing.removal.rests import crumbs_on_walls, with_things
 from processing.removal.shadows import find_plain_shade, unglowed
+from processing.removal.skirting import boards_between, torn_boards
 from processing.segmentation.evidence import SceneClass
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, planes_of, surface_maps
