@@ -294,9 +294,9 @@ TURN_RAD, APART_RAD, FURTHER = math.radians(3), math.radians(15), 4
 """Between directions; how far from the best another one is no longer the same; every how many of the search are judged
 against it (chosen)."""
 STRIPS, FEW_PX = 5, 400  # across a direction, in the middle one of which edges must stay: a cable is one edge (chosen)
-LEAST_STAYS, LEAST_AHEAD = 0.25, 2.5
+LEAST_STAYS, LEAST_AHEAD = 0.3, 3.8
 """Share of edges' energy that stays along boards, and times that of any other direction: boards in seven real rooms
-have 0.37 and 5.5 at least, carpets and large tiles in four 1.6 times at most; generated floors are as far apart."""
+have 0.4 and 5.5 at least, carpets and large tiles in five 2.6 times at most; generated floors are farther apart."""
 
 
 def find_joints(tone: Floats, known: Flags) -> Line | None:
