@@ -155,7 +155,6 @@ STAIN_M, LEAST_STAIN, LOCAL_M, FINE_PX, UNLIKE, PAINT = 0.5, 0.1, 0.3, 1.0, (0.8
 (with 0.03 clean rooms were 5 % worse where they are filled); over what that is taken to see what hangs on it; finer is
 grain; tone and colour by which light may differ on a wall; colour that changes so within 0.15 m is paint (chosen by
 looking at eight real rooms)."""
-FRAME_TONE = 0.1  # natural logarithm up to which that is as bright as its wall; twice that: none (chosen)
 TOP_M, FOOT_M = 0.12, 0.2  # cornice and skirting: as they are (chosen)
 FRAME = np.ones((2 * round(0.17 * PX_PER_M) + 1,) * 2, np.uint8)  # beside a window's frame: its reveal (chosen)
 
@@ -265,15 +264,12 @@ def _stain(tone: Floats, known: Flags, gone: Flags, thing: Flags, frames: Flags)
         off, hue = (spread(light, far & usual) - light for far in (both, seen))
         off = hue + (grey(off) - grey(hue))[..., None]
         own &= usual & (_unlike(off) < 1)
-    level, fit = grey(off)[..., None], np.clip(2 - 2 * _unlike(off), 0, 1)[..., None]
-    # Beside a window, what is as bright as the wall is one: colour reaches up to its frame.
-    walls = np.clip(2 - np.abs(level) / FRAME_TONE, 0, 1) * frames[..., None]
+    level, share = grey(off)[..., None], (np.clip(2 - 2 * _unlike(off), 0, 1) * ~frames)[..., None]
     hue = off - level
     size = np.abs(hue).max(axis=-1, keepdims=True)
     hue *= np.maximum(size - LEAST_BLOTCH, 0) / np.maximum(size, 1e-6)
     level = np.sign(level) * np.maximum(np.abs(level) - LEAST_STAIN, 0)
-    bare = ~frames[..., None]
-    return spread(np.asarray(fit * (hue * np.maximum(bare, walls) + level * bare), np.float32), own | frames)
+    return spread(np.asarray(share * (hue + level), np.float32), own | frames)
 
 
 def _unlike(off: Floats) -> Floats:

@@ -13,7 +13,7 @@ from processing.ground.seam import grown
 from processing.pictures.images import LuminanceImage
 from processing.removal.fill import Emptied, FilledPlane, Others, empty_room
 from processing.removal.furniture import FurnitureFound, with_seen_floor
-from processing.removal.lift import _stain, evened
+from processing.removal.lift import evened
 from processing.removal.masks import _with_things
 from processing.removal.plane_fill import fill_plane
 from processing.segmentation.evidence import SceneClass
@@ -92,22 +92,6 @@ def test_shade_and_colour_that_things_left_on_a_wall_run_out_beside_its_filling(
     assert np.ptp(left) < 0.4 * np.ptp(step), "colour"
     assert np.abs(gain[far]).max() < 0.02
     assert np.ptp(gain[panel], axis=-1).max() < 0.2, "lit as the wall beside it, and as red as it was (1.2)"
-
-
-def test_colour_that_a_thing_left_runs_out_up_to_a_windows_frame_which_stays_white() -> None:
-    """Under a sill, where a wall is too near its window for its own light to be known."""
-    tone = np.zeros((120, 160, 3), np.float32)
-    frames, gone, known = (np.zeros(tone.shape[:2], bool) for _ in range(3))
-    frames[30:70, 60:100], gone[78:, 50:110] = True, True
-    frame, sill, glow = np.s_[36:64, 66:94], np.s_[66:70, 66:94], np.s_[64:78, 60:100]
-    tone[glow] += (0.06, 0.0, -0.06 * 3)
-    tone[frame] += 0.4
-    known[:] = True
-    known[frames | gone] = False
-    gain = _stain(tone, known, gone, np.zeros_like(gone), frames)
-    before, after = (np.ptp(one[sill].mean(axis=(0, 1))) for one in (tone, tone + gain))
-    assert after < 0.4 * before
-    assert np.abs(gain[frame]).max() < 1e-3
 
 
 def test_a_lit_shade_goes_with_its_pole_and_a_dark_plate_over_a_plant_stays() -> None:
