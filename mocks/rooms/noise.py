@@ -58,14 +58,16 @@ TILE_PERIOD = 16.0  # chosen: cells of the coarsest octave
 def rough(x: Reals, y: Reals, footprint: float = 0.0) -> Floats:
     """Return quick noise around 0 (about -1..1) for pictures (H, W): rougher than `fractal`, from one tile.
 
-    Features are of size 1 and finer; the pattern repeats after 16.
+    ``x``, ``y``: what makes (H, W) together, such as (1, W) and (H, 1). Features are of size 1 and finer; the pattern
+    repeats after 16.
     """
     levels = _tiles()
     pixels = footprint * TILE / TILE_PERIOD
     tile = levels[int(np.clip(np.ceil(np.log2(max(pixels, 1.0))), 0, len(levels) - 1))]
     scale = np.float32(tile.shape[0] / TILE_PERIOD)
-    u, v = np.mod(x * scale, tile.shape[0]), np.mod(y * scale, tile.shape[0])
-    found = cv2.remap(tile, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    places = np.broadcast_arrays(*(np.mod(one * scale, tile.shape[0]).astype(np.float32) for one in (x, y)))
+    u, v = (np.ascontiguousarray(one) for one in places)
+    found = cv2.remap(tile, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
     return np.asarray(found, dtype=np.float32)
 
 

@@ -36,7 +36,7 @@ FORBIDDEN_NAMES = {"utils.py", "helpers.py", "misc.py", "common.py", "manager.py
 LINES = {
     "drivers": 6_582,
     "station": 10_578,  # other disks, other bodies of a camera, other people's files; mocks gave as much
-    "mocks": 14_247,
+    "mocks": 14_249,
     "processing": 60_267,  # panes and small things whole, joints of boards, rooms beyond passages, film, creases
     "studio": 817,
 }

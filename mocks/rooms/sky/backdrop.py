@@ -53,7 +53,7 @@ def _ball(band: "Backdrop", tree: Tree, aside_m: float, over_eye_m: float, radiu
     distance_m, azimuth = math.hypot(tree.x, tree.y), math.atan2(tree.x, tree.y)
     pixel_m = distance_m * PIXEL_RAD
     size = max(math.ceil(1.5 * radius_m / pixel_m), 2)
-    y, x = np.mgrid[-size : size + 1, -size : size + 1].astype(np.float32)
+    y, x = (one.astype(np.float32) for one in np.ogrid[-size : size + 1, -size : size + 1])
     u, v = x * np.float32(pixel_m / radius_m), -y * np.float32(pixel_m / radius_m)
     place = np.float32(5 * aside_m + 3 * over_eye_m)
     scale = np.float32(radius_m / LEAVES_M)
@@ -133,7 +133,7 @@ class Backdrop:
         mask = np.zeros((math.ceil(rows.max()) + 2 - top, math.ceil(columns.max()) + 2 - left), np.uint8)
         corners = np.round(np.stack([columns - left, rows - top], axis=-1) * 16).astype(np.int32)
         cv2.fillPoly(mask, [corners], 255, cv2.LINE_AA, 4)
-        y, x = np.mgrid[: mask.shape[0], : mask.shape[1]].astype(np.float32)
+        y, x = (one.astype(np.float32) for one in np.ogrid[: mask.shape[0], : mask.shape[1]])
         grain = 1 + 0.16 * rough(x / 7 + left, y / 3)[..., None]
         haze = haze_of(float(np.hypot(outline[:, 0], outline[:, 1]).mean()))
         self.put(top, left, mask / np.float32(255), Coat(np.array(colour, np.float32) * grain, normal, mirror, haze))
