@@ -24,7 +24,7 @@ from processing.layout.models.catalogue import Catalogue, write_model
 from processing.layout.models.mesh_files import RawPart
 from processing.layout.models.mesh_pose import repaired
 from processing.layout.plan import Door, make_plan
-from processing.stages.furnishing import furniture_parts
+from processing.stages.furnishing import furniture_parts, scene_parts
 from tests.conftest import LONG
 
 MOST_TRIANGLES = 20_000
@@ -165,6 +165,13 @@ def test_lamps_send_out_their_lumens_only_when_lit() -> None:
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
         flux += np.pi * area * np.dot((0.2127, 0.7151, 0.0722), part.material.emission_cd_m2)
     assert flux == pytest.approx(400, rel=0.01)
+
+
+def test_bedding_is_creased_and_wood_is_not() -> None:
+    parts = scene_parts(build_model("bed", "scandinavian", (1.6, 2.1, 1.0)).parts)
+    creases = {part.material.name: part.material.creases for part in parts}
+    assert max(creases.values()) > 0.1
+    assert creases["oak"] == 0
 
 
 def test_kinds_that_a_folder_of_furniture_lacks_are_built_in(tmp_path: Path) -> None:
