@@ -16,11 +16,11 @@ from processing.surfaces.maps import CEILING, FIRST_WALL, boundary_latitudes, op
 HALF_M, HALF_PX, LOW_M, BESIDE = 0.45, 170, 1.2, (0.6, 0.75)
 """Half the width that is looked at for what hangs from a ceiling, and its pixels; the height above the floor down to
 which it may hang; shares of that half, from which on the surface behind is learnt, and nothing hangs (chosen)."""
-ODD, CLEAR, BLUR, NOISE, ROUNDS, ALIKE_SIDES, SOLID = (2.8, 4.0), 12.0, 2.0, 0.003, 6, 0.7, 0.8
+ODD, CLEAR, BLUR, NOISE, ROUNDS, ALIKE_SIDES, SOLID, ROD = (2.8, 4.0), 12.0, 2.0, 0.003, 6, 0.7, 0.8, 0.15
 """In multiples of the noise of the surface behind, by which shades and rods before it differ, and clearly; deviation in
 pixels over which shades are compared; least noise (natural logarithm); rounds of fitting; share of it that is seen on
-both sides, and of its convex hull that is seen, from which all of these are it (chosen by looking at a pale shade
-before a pale wall)."""
+both sides, and of its convex hull that is seen, from which all of these are it; of its width, below which a row is the
+rod's (chosen by looking at a pale shade before a pale wall)."""
 OPENING_ROWS = 512  # of the map by which a window behind is known (chosen)
 SQUARE, DISC = np.ones((9, 9), np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (25, 25))
 """Gaps that are closed, and what is no rod, in pixels (chosen)."""
@@ -88,16 +88,25 @@ def _before(seen: Floats, behind: Int16s, mount: int) -> Flags:
     part = sides if alike else part
     rod = np.maximum(ODD[1], (sharp * part).max(axis=1, keepdims=True) / 2)  # its rim is blurred
     found, bulk = part & (sharp > rod) & (away < (reach if alike else half)), cv2.erode(_bytes(part), DISC)
-    labels = components(part & cv2.dilate(cv2.dilate(bulk, DISC), SQUARE).astype(bool))[1]
+    labels, sure = components(part & cv2.dilate(cv2.dilate(bulk, DISC), SQUARE).astype(bool))[1], np.zeros_like(part)
     for one in range(1, labels.max() + 1):
         shade, hull = labels == one, np.zeros(part.shape, np.uint8)
         # Blurring widens what hardly differs by some pixels, and what does ends where it does by half.
         clear = (usual := float(np.median(even[shade]))) > CLEAR
         shade = _bytes(shade & (even > np.maximum(cv2.dilate(even, SQUARE), usual / 2) / 2) if clear else shade)
+        # The end of the rod above it would make a tent of its hull.
+        shade[(wide := shade.sum(axis=1)) < ROD * wide.max()] = 0
         cv2.fillConvexPoly(hull, cv2.convexHull(cv2.findNonZero(shade)), 1)
         brush = SQUARE[:1, :1] if clear else SQUARE[:5, :5]
-        found |= cv2.erode(hull if shade.sum() > SOLID * hull.sum() else shade, brush) > 0
-    return np.asarray(cv2.morphologyEx(_bytes(found), cv2.MORPH_CLOSE, SQUARE[:, :1]) > 0)
+        found |= (drawn := cv2.erode(hull if shade.sum() > SOLID * hull.sum() else shade, brush) > 0)
+        sure |= drawn & clear
+    found = np.asarray(cv2.morphologyEx(_bytes(found), cv2.MORPH_CLOSE, SQUARE[:, :1]) > 0)
+    if sure.any():
+        # What hangs together neither with a clear shade nor with its place on the ceiling is an uneven wall.
+        labels = components(cv2.dilate(_bytes(found), SQUARE) > 0)[1]
+        sure[max(0, mount - reach) : mount + reach, away < reach] = True
+        found &= np.isin(labels, labels[sure & found])
+    return found
 
 
 def _differs(seen: Floats, behind: Int16s) -> Floats:

@@ -9,7 +9,8 @@ import pytest
 
 from processing.ground.arrays import Flags, Floats
 from processing.sphere import Equirectangular
-from processing.surfaces.hanging import hanging
+from processing.surfaces import hanging as hanging_module
+from processing.surfaces.hanging import _before, hanging
 from processing.surfaces.maps import CEILING, plane_map
 from tests.processing.light.rooms import box_room
 
@@ -82,3 +83,20 @@ def test_small_pictures_and_low_ceilings_are_no_trouble() -> None:
     for rows in (16, 64):
         small = rgb[:: ROWS // rows, :: ROWS // rows]
         assert all(one.share.max() <= 1 for one in hanging(ROOM, small, [(1.6, 0.5), (2.9, 2.4)]))
+
+
+def test_an_uneven_wall_below_a_clear_shade_is_none_of_it_nor_is_the_wall_beside_its_rod(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    off = np.zeros((300, 201, 3))
+    middle, shade, wall = np.abs(np.arange(-100, 101)), np.zeros((300, 201), bool), np.zeros((300, 201), bool)
+    for row in range(100, 150):
+        shade[row] = middle < 20 + row - 100
+    wall[150:200, 97:104], wall[200:240, 80:121] = True, True
+    off[20:100, 99:102], off[wall], off[shade] = 30.0, 1.9, 50.0
+    monkeypatch.setattr(hanging_module, "_differs", lambda *_: off)
+    found = _before(off.astype(np.float32), np.zeros((300, 201), np.int16), 20)
+    assert found[shade].mean() > 0.97
+    assert not found[160:].any()
+    assert found[25:96, 100].all(), "its rod"
+    assert found[90:96].sum(axis=1).max() < 10
