@@ -35,10 +35,7 @@ SURE = 0.35  # confidence under which what was filled is called synthesised
 LAG = 6  # of the columns of a frame, by which two are apart that are compared (chosen)
 BESIDE_WINDOW_M = 0.25  # where edges are its frame's and its reveal's (chosen by looking at two real rooms)
 STRIP_M, STRIP_PX = 0.25, 3.0  # beside the hole, of which a column's tone is the mean; at least (chosen)
-RIM_M, RIM_PX = (
-    0.06,
-    2,
-)  # beside what hid it, as wide as masks err (two of their pixels at five metres); at least (chosen)
+RIM_M, RIM_PX = 0.06, 2  # beside what hid it, as wide as masks err (two pixels at five metres); at least (chosen)
 COLUMNS_SEEN = 0.1  # of those of a row and the one above it, from which they say how columns change there (chosen)
 ENOUGH = 0.2  # of that change (squared), which a column must be seen in to say whether it goes with the others (chosen)
 RAIL_SEEN = 0.25  # of a row of a frame's head or sill, or of a column of its side, from which it is seen (chosen)
